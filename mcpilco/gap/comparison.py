@@ -290,10 +290,7 @@ def _half_width(left: Float[np.ndarray, "W ..."], windows: Windows) -> Float[np.
     """Half of a 95 % interval; infinity for a single window.
 
     Windows share data where they overlap, by a part r, and their squared errors correlate by r^2.
-
-    Args:
-        left: a number without each of the windows.
-        windows: these.
+    `left` holds a number without each of them.
     """
     apart = np.abs(windows.start_s[:, None] - windows.start_s) / (windows.y.shape[2] * windows.dt)
     same = windows.recording[:, None] == windows.recording

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.plant_model import ComputeBudget, PerWindow, PlantModel
-from mcpilco.gap.thresholds import BUDGET, COMPARISON, DATA
+from mcpilco.gap.thresholds import BUDGET, COMPARISON, DATA, FORCE
 from mcpilco.plant import EffectInstance, Plant, Scale, priors_of, scales_of
 from mcpilco.recordings import (
     Recording,
@@ -307,6 +307,11 @@ class GapProblem:
         held_s = recordings[0].dt / _holds(recordings)
         budget = ComputeBudget.at(held_s, plant.costly, most)
         return cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), budget)
+
+    @property
+    def short_s(self) -> float:
+        """Length of windows in which a force is sought [s]."""
+        return min(self.window_s, FORCE.short_s)
 
     @property
     def searched(self) -> int:

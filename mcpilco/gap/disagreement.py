@@ -194,11 +194,7 @@ def still_missed(
     The widest swings may seem to hold one, for no other tells the force at their ends. So the model
     is fitted to them too, as far as windows count that are missed by more than the others.
 
-    Args:
-        best: the model, fitted to the other windows.
-        windows: these.
-        masked: those that seemed to hold an event.
-        train: numbers of the recordings to which it may be fitted.
+    `best` is fitted to the other `windows`, and may be to recordings of the numbers in `train`.
     """
     if not len(masked):
         return masked, masked
@@ -230,10 +226,7 @@ def bursts(fit: Fit, short: Windows, recordings: Sequence[Recording]) -> tuple[E
 
     None where they would be much of the recordings: then the model is wrong.
 
-    Args:
-        fit: a fit.
-        short: windows of `FORCE.short_s` that overlap by half, of all recordings in their order.
-        recordings: these.
+    They are sought in short windows, half overlapping, of all recordings in their order.
     """
     part, short = _without_spikes(on_windows(fit, short), short)
     far = _far(part, short)
@@ -259,11 +252,7 @@ def unforeseen(
     What a contact or a magnet does recurs where the machine comes by again; a push does not. It is
     sought as a force that is alike everywhere, and as a narrow one in a joint over few coordinates.
 
-    Args:
-        spans: the events.
-        fit: a fit.
-        short: windows of `FORCE.short_s` that overlap by half, of all recordings in their order.
-        recordings: these.
+    The short windows are as for `bursts`.
     """
     apart = short[::2]
     touched = event_of(spans, apart, [recording.name for recording in recordings])
@@ -335,9 +324,7 @@ def runs(short: Windows) -> list[slice]:
 def without_bursts(problem: GapProblem, best: Fit) -> tuple[GapProblem, tuple[Event, ...]]:
     """The problem without bursts of force that neither model nor state explains, and these.
 
-    Args:
-        problem: plant and recordings.
-        best: the best model, which bursts that were not seen may have bent.
+    `best` is the best model, which bursts that were not seen may have bent.
     """
     short = _short(problem)
     quiet = problem
@@ -363,8 +350,7 @@ def foreseen(spans: Sequence[Event], problem: GapProblem, best: Fit) -> bool:
 
 def _short(problem: GapProblem) -> Windows:
     """Windows that overlap by half, in which a push shows."""
-    short_s = min(problem.window_s, FORCE.short_s)
-    return problem.windows(seconds=short_s, every=0.5 * short_s)
+    return problem.windows(seconds=problem.short_s, every=0.5 * problem.short_s)
 
 
 def _with_gaps(problem: GapProblem, spans: Sequence[Event]) -> GapProblem:
@@ -388,13 +374,11 @@ def recurring(spans: Sequence[Event], problem: GapProblem) -> Disagreement | Non
     Of each interval of positions the visits are counted, and those with an event. Events that come
     from outside would hit them by chance: a binomial test, corrected for the number of intervals.
 
-    Args:
-        spans: events.
-        problem: plant and recordings, without gaps at these.
+    The problem has no gaps at the events.
 
     Reference: Dunn, Multiple comparisons among means, JASA 56 (1961), for the correction.
     """
-    short = problem.windows(seconds=min(problem.window_s, FORCE.short_s))
+    short = problem.windows(seconds=problem.short_s)
     touched = event_of(spans, short, [recording.name for recording in problem.recordings])
     if not spans or not (touched >= 0).any():
         return None
@@ -420,10 +404,8 @@ def _rarest(
 ) -> tuple[float, float, float]:
     """The chance, for all intervals together, of the one that is hardest to explain, and its ends.
 
-    Args:
-        q: position in each window.
-        touched: number of the event in each window; -1 where there is none.
-        broken: whether a window does not follow on the one before it.
+    `q` is the position in each window, `touched` the number of the event in it, -1 where there is
+    none, and `broken` whether it does not follow on the one before it.
     """
     event = touched >= 0
     usual = min(1.0, (event.sum() + touched.max() + 1) / len(q))  # a visit may begin in one

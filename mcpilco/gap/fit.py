@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.plant_model import InitialStates, PerWindow, PlantModel, Theta
-from mcpilco.gap.sensitivities import Linearised, lean, linearise, residuals_at
+from mcpilco.gap.sensitivities import Linearised, lean, linearise, residuals_at, start_nudges
 from mcpilco.gap.thresholds import BUDGET, DATA, FIT, SEARCH
 
 LEAST_DAMPING = 1e-10
@@ -85,21 +85,18 @@ def fit_model(
 ) -> Fit:
     """Theta and the initial states that fit best, by Levenberg and Marquardt's method.
 
-    Args:
-        model: what is fitted.
-        windows: to what.
-        theta: where the search begins.
-        x0: initial states from which it begins.
-        iterations: at most.
-        hasty: end as well where the cost falls but slowly.
-        near: how a model changes that lacks its last effect, with which the search begins.
-
-    Without learned forces a linear form is kept as long as it foretells what a step does.
+    The search begins with theta and x0, and with how a model changes that is `near` and lacks the
+    last effect; a hasty one ends as well where the cost falls but slowly. Without learned forces a
+    linear form is kept as long as it foretells what a step does; where a simulation is dear, of
+    what a prior holds also beyond, and initial states give way by it.
     """
     damping, share = 1e-4, model.budget.share(BUDGET.fit)
+    given_up, dear = np.zeros(len(windows), dtype=bool), model.plant.costly
+    lin: Linearised | None = None
     for _ in range(iterations):
         low, high = model.reach(theta)
-        kept, lin = near, linearise(model, windows, theta, x0, near=near)
+        held = lin if dear and not near and not model.learned else None
+        kept, lin = near, linearise(model, windows, theta, x0, near or held, anew=bool(held))
         by_window = np.einsum("wn,wn->w", lin.r, lin.r)
         robust = Robust.of(by_window, windows.samples)
         weight = robust.weights(by_window)
@@ -109,15 +106,17 @@ def fit_model(
             step = _gauss_newton_step(model, lin, theta, damping, weight, temper)
             there = model.softened(np.clip(theta + step, low, high))
             residual_there = lin.r - np.einsum("wnp,p->wn", lin.Jp, there - theta)
-            moved = x0 + initial_state_step(lin.Jx, residual_there, damping)
-            after = misfits(model, windows, there, moved)
+            if dear:
+                moved, after = given_way(model, windows, there, x0, lin.Jx, damping)
+            else:
+                moved = x0 + initial_state_step(lin.Jx, residual_there, damping)
+                after = misfits(model, windows, there, moved)
             then = _cost(model, there, after, robust, temper)
             if abs(then - now) < FIT.converged * now:
                 break
             worse = np.flatnonzero(after > by_window)
-            if not then < now and len(worse):  # right, perhaps, and too far for x0
-                some, J = windows[worse], lin.Jx[worse] if model.plant.costly else None
-                moved[worse] = _fit_initial_states(model, some, there, moved[worse], 4, J)
+            if not then < now and len(worse) and not dear:  # right, perhaps, and too far for x0
+                moved[worse] = _fit_initial_states(model, windows[worse], there, moved[worse], 4)
                 after[worse] = misfits(model, windows[worse], there, moved[worse])
                 then = _cost(model, there, after, robust, temper)
             if then < now:
@@ -131,13 +130,15 @@ def fit_model(
                 continue
             break
         theta, x0, by_window = there, moved, after
-        lost = Robust.of(after, windows.samples).far(after)
+        lost = Robust.of(after, windows.samples).far(after) & ~given_up
         if lost.any() and not lost.all():  # the step was too far for their initial states
             x0, by_window = recovered(model, windows, theta, x0, by_window, lost)
+            if dear:  # behind an impact no start may fit
+                given_up |= lost & (by_window == after)
         damping = max(0.03 * damping, LEAST_DAMPING)
-        wrong = model.plant.costly and temper > SEARCH.least_noise  # whose optimum tells little
+        wrong = dear and temper > SEARCH.least_noise  # whose optimum tells little
         crawling = (hasty or wrong) and now - then < FIT.crawl * now
-        crawling |= model.plant.costly and now - then < FIT.settled * temper
+        crawling |= dear and now - then < FIT.settled * temper
         if crawling or share.used_up or (not kept and now - then < FIT.converged * now):
             break
         if now - then < FIT.converged * now:
@@ -231,34 +232,38 @@ def _fit_initial_states(
     theta: Theta,
     x0: InitialStates,
     iterations: int = 10,
-    Jx: Float[np.ndarray, "W n X"] | None = None,
-) -> np.ndarray:
-    """The initial states; `Jx`, how motions changed with them nearby, serves while it foretells."""
-    if windows.whitening is None and Jx is None:
+) -> InitialStates:
+    """The initial states; where a simulation is dear, steps tell how its answer to them changes.
+
+    Reference: Broyden, A class of methods for solving nonlinear simultaneous equations,
+        Mathematics of Computation 19 (1965).
+    """
+    if windows.whitening is None:
         measured = np.flatnonzero(windows.measured.any(axis=(0, 1)))
         windows = windows.part(0, int(measured[-1]) + 1 if len(measured) else 1)
     x0, damping = x0.copy(), np.full(len(x0), 1e-3)
-    moving, kept = np.arange(len(x0)), np.full(len(x0), Jx is not None)
-    if Jx is None:
-        lin = lean(model, windows, theta, x0)
-        r, Jx = lin.r.copy(), lin.Jx.copy()
-    else:
-        r, Jx = residuals_at(model, windows, theta, x0), Jx.copy()
+    moving, kept = np.arange(len(x0)), np.zeros(len(x0), dtype=bool)
+    lin = lean(model, windows, theta, x0)
+    r, Jx, unit = lin.r.copy(), lin.Jx.copy(), np.square(start_nudges(x0.shape[1]))
     for _ in range(iterations):
         some, here, J = windows[moving], r[moving], Jx[moving]
         step = initial_state_step(J, here, damping[moving])
         moved = x0[moving] + step
         there = residuals_at(model, some, theta, moved)
         now, then = _squares(here), _squares(there)
-        expected = _squares(here - np.einsum("wnx,wx->wn", J, step))
+        left = here - np.einsum("wnx,wx->wn", J, step)
         better, small, was_kept = then < now, now - then < 1e-2 * now, kept[moving]
         x0[moving[better]], r[moving[better]] = moved[better], there[better]
-        foretold = now - then > FIT.foretold * (now - expected)
-        kept[moving] = model.plant.costly & better & ~small & foretold
+        foretold = now - then > FIT.foretold * (now - _squares(left))
+        if model.plant.costly:
+            along = step / unit / np.maximum((np.square(step) / unit).sum(axis=1), 1e-12)[:, None]
+            secant = np.einsum("wn,wx->wnx", left - there, along)
+            Jx[moving[better]] += secant[better]
+            kept[moving] = better & ~small & foretold
         anew = np.where(better, ~kept[moving], was_kept)
         damping[moving] *= np.where(better, 0.1, 10.0)
         damping = np.maximum(damping, 1e-9)
-        settled = small & ~was_kept & (better | (damping[moving] > 1e3))
+        settled = small & (better & foretold | ~was_kept & (better | (damping[moving] > 1e3)))
         anew, moving = moving[anew & ~settled], moving[~settled]
         if not len(moving):
             break
@@ -279,6 +284,22 @@ def initial_state_step(
     N = N + np.broadcast_to(np.asarray(damping)[..., None, None] * np.eye(N.shape[-1]), N.shape)
     g = np.einsum("wni,wn->wi", Jx, goal) / size
     return np.linalg.solve(N, g[..., None])[..., 0] / size
+
+
+def given_way(
+    model: PlantModel,
+    windows: Windows,
+    theta: Theta,
+    x0: InitialStates,
+    Jx: Float[np.ndarray, "W n X"],
+    damping: float = 1e-3,
+) -> tuple[InitialStates, PerWindow]:
+    """Initial states that give way to theta in windows that are missed less so, and misfits."""
+    r = residuals_at(model, windows, theta, x0)
+    moved = x0 + initial_state_step(Jx, r, damping)
+    stayed, after = _squares(r), misfits(model, windows, theta, moved)
+    less = after < stayed
+    return np.where(less[:, None], moved, x0), np.where(less, after, stayed)
 
 
 def truncated(model: PlantModel, windows: Windows, theta: Theta) -> Windows:
@@ -348,9 +369,8 @@ def likelier_clock(problems: Sequence[GapProblem], fit: Fit | None = None) -> Ga
     A step of a command that acts a millisecond late bends the second after it by more than the
     noise. What else a model lacks hides that, so the best one is asked again.
 
-    Args:
-        problems: one, or the same with the commands as stamped and as a clock sent them.
-        fit: of the model that is asked; by default the nominal plant.
+    There is one, or the same with the commands as stamped and as a clock sent them; by default the
+    nominal plant is asked.
     """
     if len(problems) == 1:
         return problems[0]

@@ -50,7 +50,7 @@ from mcpilco.gap.learned_force import corrected, with_learned_force
 from mcpilco.gap.plant_model import ComputeBudget
 from mcpilco.gap.report import Gap, experiments, far_from_noise
 from mcpilco.gap.search import SearchResult, nested_fits, search
-from mcpilco.gap.thresholds import BUDGET, DATA, FORCE, SEARCH
+from mcpilco.gap.thresholds import BUDGET, DATA, SEARCH
 from mcpilco.plant import Own, Plant, own_effects
 from mcpilco.recordings import (
     Recording,
@@ -334,7 +334,7 @@ def _learn_force(
         return _without_spikes(base, truncated(base.model, some, base.theta))
 
     every = windows.joined(masked[masked.of(problem.train)])
-    short = problem.windows(problem.train, seconds=min(problem.window_s, FORCE.short_s))
+    short = problem.windows(problem.train, seconds=problem.short_s)
     fit = with_learned_force(base, usable(every), usable(short))
     missed, _ = still_missed(on_windows(fit, windows), windows, masked)
     events = spans_of(missed, problem.recordings)

@@ -44,11 +44,7 @@ FINE, MEDIUM, COARSE, WOUND = Fineness(0.05), Fineness(0.1), Fineness(0.25), Fin
 def with_learned_force(fit: Fit, windows: Windows, short: Windows) -> Fit:
     """The fit with a learned force of as many parts as predict more; itself where none does.
 
-    Args:
-        fit: a fit.
-        windows: those that it is to be fitted to in the end.
-        short: windows of `FORCE.short_s` of the same recordings: in them the response to a missing
-            force is still linear.
+    In `short` windows the response to a missing force is still linear; in the end `windows` count.
     """
     share = fit.model.budget.share(BUDGET.learning)
     part = on_windows(fit, short)
@@ -163,12 +159,9 @@ Form = tuple[tuple[int, ...], tuple[Fineness, ...]]
 
 
 def _forms(j: int, D: int, turned: Sequence[int]) -> Iterator[Form]:
-    """The coordinates of a force at joint j, and how fine; of two coordinates one is its own.
+    """The coordinates of a force at joint j, of D, and how fine; of two coordinates one is its own.
 
-    Args:
-        j: number of the joint.
-        D: how many coordinates there are.
-        turned: angles that turn so far that their place in a turn is another thing.
+    Angles that have `turned` so far have a place in a turn that is another thing.
     """
     for over, shape in _plain_forms(j, D):
         either = [

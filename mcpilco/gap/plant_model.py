@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.thresholds import BUDGET, FIT
 from mcpilco.plant import (
@@ -314,8 +314,14 @@ class PlantModel:
 
     def nominal(self, theta: Theta) -> Theta:
         """Theta with the nominal parameters; what is free has none."""
-        held = np.isfinite([*self.priors.values(), *np.full(len(theta) - self.nuisances, np.inf)])
-        return np.where(held, 0.0, theta)
+        return np.where(self.held, 0.0, theta)
+
+    @property
+    def held(self) -> Bool[np.ndarray, " n"]:
+        """Which entries of theta a prior holds near 0."""
+        held = np.zeros(len(self.logarithmic), dtype=bool)
+        held[: self.nuisances] = np.isfinite([*self.priors.values()])
+        return held
 
     def decode(
         self, theta: Float[np.ndarray, "S n"]

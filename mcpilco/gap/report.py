@@ -263,10 +263,11 @@ def closed_share(found: Comparison) -> str:
 
 
 def percent(part: Interval) -> str:
-    """A part, with the ends of its interval."""
-    ends = f"{100 * part.low:.1f} to {100 * part.high:.1f}"
+    """A part, at most all, with the ends of its interval."""
+    value, low, high = (100 * min(each, 1.0) for each in (part.value, part.low, part.high))
+    ends = f"{low:.1f} to {high:.1f}"
     ends = ends if math.isfinite(part.low) else "too few windows for an interval"
-    return f"{100 * part.value:.1f} % ({ends})"
+    return f"{value:.1f} % ({ends})"
 
 
 def _units(gap: Gap) -> dict[str, str]:

@@ -85,9 +85,9 @@ class ForceResponse:
 
 def force_response(fit: Fit, windows: Windows, hold_s: float = FORCE.hold_s) -> ForceResponse:
     """The response of residuals to forces in the joints, each held for `hold_s` [s]."""
-    windows = windows.plain
+    near, windows = fit.model.plant.costly and windows.whitening is None, windows.plain
     lin = linearise(fit.model, windows, fit.theta, fit.x0, over_theta=False)
-    layout, disturbance = fit.model.plant.layout, Disturbance.of(fit, windows, hold_s)
+    layout, disturbance = fit.model.plant.layout, Disturbance.of(fit, windows, hold_s, near)
     hold = max(1, round(hold_s / windows.dt))
     first = np.arange(0, windows.y.shape[2] - 1, hold)
     G = disturbance.columns

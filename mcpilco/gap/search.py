@@ -24,16 +24,15 @@ from mcpilco.gap.fit import (
     fit_initial_states,
     fit_model,
     fit_nominal,
-    initial_state_step,
+    given_way,
     misfits,
     nearer,
     on_windows,
-    recovered,
     weighed_anew,
 )
 from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, InitialStates, PlantModel, Theta
 from mcpilco.gap.screen import Score, screen
-from mcpilco.gap.sensitivities import Linearised, linearise, residuals_at
+from mcpilco.gap.sensitivities import Linearised, linearise
 from mcpilco.gap.thresholds import BUDGET, DATA, SEARCH, VERDICT
 from mcpilco.plant import EffectInstance
 
@@ -366,8 +365,7 @@ class Tried:
             x0 = fit.x0.copy()
             x0[some] = grown.x0
             if dear:  # the model without the effect has led them astray
-                known = misfits(grown.model, self.windows, grown.theta, x0)
-                x0, _ = recovered(grown.model, self.windows, grown.theta, x0, known, known > 0.0)
+                x0, _ = given_way(grown.model, self.windows, grown.theta, x0, lin.Jx)
             self.keep(fit_model(grown.model, self.windows, grown.theta, x0, 8, near=near))
         return scores
 
@@ -409,11 +407,7 @@ def search(
     another way than these. If the best model does, parts of the windows are searched too: short
     motions stay close. What fits them is tried on the windows.
 
-    Args:
-        model: without effects.
-        windows: of the recordings.
-        candidates: effects that may be missing.
-        hints: fits to other windows of the machine, from which the search goes on.
+    It begins without effects, and goes on from `hints`, fits to other windows of the machine.
     """
     share = model.budget.share(BUDGET.search)
     tried, scores = _search(model, windows, candidates, share, hints)
@@ -563,22 +557,15 @@ def _begun(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> list[St
         values = np.where(sized, scaled, score.start)
         theta = fit.model.grown(fit.theta, score.instance, values)[1]
         thetas[theta.tobytes()] = theta
-    begun: list[Start] = [(model, windows, theta, fit.x0) for theta in thetas.values()]
-    dear = model.plant.costly
-    if dear:  # initial states give way first, and what does not help then never does
-        begun = [_given_way(start, lin) for start in begun]
-    missed = [misfits(*start) for start in begun]
-    order = np.argsort([np.log(np.maximum(each / windows.samples, 1.0)).sum() for each in missed])
+    dear, begun = model.plant.costly, []
+    for theta in thetas.values():
+        at = model, windows, theta
+        # where dear initial states give way first, and what does not help then never does
+        x0, missed = given_way(*at, fit.x0, lin.Jx) if dear else (fit.x0, misfits(*at, fit.x0))
+        begun.append(((*at, x0), missed))
+    order = np.argsort([np.log(np.maximum(m / windows.samples, 1.0)).sum() for _, m in begun])
     least = np.log(fit.by_window).sum() if dear else np.inf
-    return [begun[n] for n in order if np.log(missed[n]).sum() < least]
-
-
-def _given_way(start: Start, lin: Linearised) -> Start:
-    """A start whose initial states give way to what is new where less is missed by it."""
-    r = residuals_at(*start)
-    moved = start[3] + initial_state_step(lin.Jx, r)
-    less = misfits(*start[:3], moved) < np.square(r).sum(axis=1)
-    return *start[:3], np.where(less[:, None], moved, start[3])
+    return [begun[n][0] for n in order if np.log(begun[n][1]).sum() < least]
 
 
 def without(fit: Fit, gone: Iterable[EffectInstance], windows: Windows, null: Fit) -> Fit:

@@ -132,48 +132,58 @@ def linearise(
     windows: Windows,
     theta: Theta,
     x0: InitialStates,
-    over_theta: bool = True,
     near: Linearised | None = None,
+    anew: bool = False,
+    over_theta: bool = True,
+    sides: int = 2,
 ) -> Linearised:
-    """The model's residuals at theta and the initial states, and their central differences.
+    """The model's residuals at theta and the initial states, and their differences.
 
-    Differences to one side only are not enough: where masses and gains grow together nothing
-    moves, and their columns must cancel. The coordinates of learned forces are many, and their
-    columns are made of impulse responses. Of a model `near` this one, with the last entries of
-    theta less, the other columns are taken over.
+    Over theta they are central: where masses and gains grow together nothing moves, and their
+    columns must cancel. Over initial states they are so where that is not dear, and `sides` is 2.
+    The coordinates of learned forces are many, and their columns are made of impulse responses. Of
+    a model `near` this one, with the last entries of theta less, the other columns are taken over,
+    or, `anew`, only those of what a prior holds.
     """
-    X = 0 if near else x0.shape[1]
-    known = near.Jp.shape[2] if near else 0
-    p = len(theta) - model.coordinates - known if over_theta else 0
-    nudges = start_nudges(X)
+    kept = near is not None and not anew
+    X, sides = 0 if kept else x0.shape[1], 1 if model.plant.costly else sides
+    there = near.Jp.shape[2] if near else 0
+    known = np.arange(len(theta)) < there
+    if anew:
+        known &= model.held
+    new = np.flatnonzero(~known[: len(theta) - model.coordinates if over_theta else 0])
+    p, S = len(new), 1 + sides * X
+    nudges, steps = start_nudges(X), model.steps(theta)[new]
     nudged = np.eye(X, x0.shape[1]) * nudges[:, None]
-    steps = model.steps(theta)[known : known + p]
-    thetas = np.tile(theta, (1 + 2 * X + 2 * p, 1))
-    moved = np.tile(x0, (1 + 2 * X + 2 * p, 1, 1))
-    for sign, first in ((1.0, 1), (-1.0, 1 + X)):
-        moved[first : first + X] += sign * nudged[:, None]
-    for sign, first in ((1.0, 1 + 2 * X), (-1.0, 1 + 2 * X + p)):
-        thetas[first : first + p] += sign * np.eye(p, len(theta), known) * steps[:, None]
+    thetas = np.tile(theta, (S + 2 * p, 1))
+    moved = np.tile(x0, (S + 2 * p, 1, 1))
+    moved[1:S] += np.concatenate([nudged, -nudged][:sides])[:, None]
+    thetas[S + np.arange(p), new] += steps
+    thetas[S + p + np.arange(p), new] -= steps
     low, high = model.bounds
     thetas = np.clip(thetas, low, high)
     y = run(model, windows, thetas, moved)
     r = residual(windows, y)
-    ups, downs = np.split(thetas[1 + 2 * X :, known : known + p], 2)
+    ups, downs = np.split(thetas[S:, new], 2)
     spans = np.diag(ups - downs).copy() if p else np.zeros(0)
     spans[spans == 0.0] = np.inf  # so large that no step changes them
-    Jx = (r[1 + X : 1 + 2 * X] - r[1 : 1 + X]) / (2.0 * nudges)[:, None, None]
-    Jp = (r[1 + 2 * X + p :] - r[1 + 2 * X : 1 + 2 * X + p]) / spans[:, None, None]
+    before = r[1 + X : S] if sides == 2 else r[0]
+    Jx = (before - r[1 : 1 + X]) / (sides * nudges)[:, None, None]
+    Jp = (r[S + p :] - r[S : S + p]) / spans[:, None, None]
     lost = _lost(windows, y)
     Jx[:, lost], Jp[:, lost] = 0.0, 0.0
     columns = Jp.transpose(1, 2, 0)
     if over_theta and model.learned:
-        learned = learned_force_columns(model, windows, theta, x0, y[0])
+        learned = _learned_force_columns(model, windows, theta, x0, y[0])
         learned[lost] = 0.0
         columns = np.concatenate([columns, learned], axis=2)
+    Jx = Jx.transpose(1, 2, 0)
     if near:
-        columns = np.concatenate([near.Jp, columns], axis=2)
-        return Linearised(r[0], near.Jx, columns, lost | near.lost)
-    return Linearised(r[0], Jx.transpose(1, 2, 0), columns, lost)
+        Jx, lost = near.Jx if kept else Jx, lost | near.lost
+        columns = np.concatenate([near.Jp[:, :, known[:there]], columns], axis=2)
+    if anew:
+        columns = columns[:, :, np.argsort(np.append(np.flatnonzero(known), new))]
+    return Linearised(r[0], Jx, columns, lost)
 
 
 def lean(model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates) -> Linearised:
@@ -181,16 +191,7 @@ def lean(model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates) -
 
     They are enough for steps of the initial states, each judged by the misfit that follows.
     """
-    X = x0.shape[1]
-    nudges = start_nudges(X)
-    moved = np.tile(x0, (1 + X, 1, 1))
-    moved[1:] += np.diag(nudges)[:, None]
-    y = run(model, windows, np.tile(theta, (1 + X, 1)), moved)
-    r = residual(windows, y)
-    Jx = (r[0] - r[1:]) / nudges[:, None, None]
-    lost = _lost(windows, y)
-    Jx[:, lost] = 0.0
-    return Linearised(r[0], Jx.transpose(1, 2, 0), np.zeros((*r[0].shape, 0)), lost)
+    return linearise(model, windows, theta, x0, over_theta=False, sides=1)
 
 
 def motion(windows: Windows) -> Float[np.ndarray, "W T D"]:
@@ -295,7 +296,7 @@ def impulse_responses(
     return list(np.nan_to_num(change, posinf=0.0, neginf=0.0).reshape(J, W, X * T, -1))
 
 
-def learned_force_columns(
+def _learned_force_columns(
     model: PlantModel,
     windows: Windows,
     theta: Theta,
@@ -305,14 +306,7 @@ def learned_force_columns(
     """Change of the measurements, in noise std, with the coordinates of the learned forces.
 
     A coordinate changes the force all along a motion, and the motion answers as to a train of
-    pulses. These are far fewer than coordinates.
-
-    Args:
-        model: with learned forces.
-        windows: the motions.
-        theta: of the model.
-        x0: initial states of the windows.
-        y: simulated measurements.
+    pulses. These are far fewer than coordinates. `y` are simulated measurements.
     """
     layout = model.plant.layout
     names = (*layout.states, *layout.inputs)

@@ -21,7 +21,7 @@ from mcpilco.gap import (
     to_json,
 )
 from mcpilco.gap.comparison import Interval
-from mcpilco.gap.report import HIDDEN, far_from_noise
+from mcpilco.gap.report import HIDDEN, far_from_noise, percent
 from mcpilco.gap.thresholds import VERDICT
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.pendulum import record
@@ -175,3 +175,9 @@ def test_a_corrected_plant_that_is_far_from_the_noise_is_told(found: Gap) -> Non
     (told,) = far_from_noise(missed, more=False)
     assert "is the plant the right one?" in told
     assert far_from_noise(missed, more=True) == ()  # which is told as unknown
+
+
+def test_no_more_than_all_of_a_gap_is_closed() -> None:
+    """Errors below what noise makes by estimate."""
+    assert percent(Interval(1.4, 0.931, 1.9)) == "100.0 % (93.1 to 100.0)"
+    assert percent(Interval(0.5, -0.2, 1.2)) == "50.0 % (-20.0 to 100.0)"

@@ -69,6 +69,27 @@ def test_columns_of_a_nearby_model_are_taken_over() -> None:
     np.testing.assert_array_equal(found.r, whole.r)
 
 
+def test_columns_of_what_a_prior_holds_are_taken_over_where_the_others_are_made_anew() -> None:
+    """A gain that is freed is held by none."""
+    recordings = [record(np.random.default_rng(0), lambda q, v: 0.0, 0)]
+    problem = GapProblem.of(envs.PLANTS["mcpilco/Pendulum-v0"](), recordings, 0.01, (), {})
+    windows = problem.windows()[:3]
+    model, theta = problem.model(windows), np.zeros(problem.model(windows).nuisances)
+    gain = EffectInstance(CATALOGUE["actuator_gain"], "actuator")
+    spring = EffectInstance(CATALOGUE["spring"], "pendulum")
+    model, theta = model.having(gain).grown(theta, spring, [0.1])
+    near = linearise(model, windows, theta, windows.guess)
+    there = theta + 0.05
+    found = linearise(model, windows, there, windows.guess, near, anew=True)
+    whole = linearise(model, windows, there, windows.guess)
+    free = [list(model.priors).index("torque_gain"), len(theta) - 1]
+    held = np.setdiff1d(np.arange(len(theta)), free)
+    np.testing.assert_array_equal(found.Jp[..., held], near.Jp[..., held])
+    np.testing.assert_array_equal(found.Jp[..., free], whole.Jp[..., free])
+    np.testing.assert_array_equal(found.Jx, whole.Jx)
+    assert (whole.Jp[..., free] != near.Jp[..., free]).any()
+
+
 def test_motions_are_compared_in_timesteps_that_do_less_than_the_noise() -> None:
     coarse = hopping(HOPPER.replace('timestep="0.005"', 'timestep="0.02"'), HOPPER)
     assert coarse.finer > 1
