@@ -194,7 +194,11 @@ def still_missed(
     The widest swings may seem to hold one, for no other tells the force at their ends. So the model
     is fitted to them too, as far as windows count that are missed by more than the others.
 
-    `best` is fitted to the other `windows`, and may be to recordings of the numbers in `train`.
+    Args:
+        best: the model, fitted to the other windows.
+        windows: these.
+        masked: those that seemed to hold an event.
+        train: numbers of the recordings to which it may be fitted.
     """
     if not len(masked):
         return masked, masked
@@ -226,7 +230,10 @@ def bursts(fit: Fit, short: Windows, recordings: Sequence[Recording]) -> tuple[E
 
     None where they would be much of the recordings: then the model is wrong.
 
-    They are sought in short windows, half overlapping, of all recordings in their order.
+    Args:
+        fit: a fit.
+        short: windows of `GapProblem.short_s`, half overlapping, of all recordings in their order.
+        recordings: these.
     """
     part, short = _without_spikes(on_windows(fit, short), short)
     far = _far(part, short)
@@ -252,7 +259,11 @@ def unforeseen(
     What a contact or a magnet does recurs where the machine comes by again; a push does not. It is
     sought as a force that is alike everywhere, and as a narrow one in a joint over few coordinates.
 
-    The short windows are as for `bursts`.
+    Args:
+        spans: the events.
+        fit: a fit.
+        short: windows of `GapProblem.short_s`, half overlapping, of all recordings in their order.
+        recordings: these.
     """
     apart = short[::2]
     touched = event_of(spans, apart, [recording.name for recording in recordings])
@@ -404,8 +415,10 @@ def _rarest(
 ) -> tuple[float, float, float]:
     """The chance, for all intervals together, of the one that is hardest to explain, and its ends.
 
-    `q` is the position in each window, `touched` the number of the event in it, -1 where there is
-    none, and `broken` whether it does not follow on the one before it.
+    Args:
+        q: position in each window.
+        touched: number of the event in each window; -1 where there is none.
+        broken: whether a window does not follow on the one before it.
     """
     event = touched >= 0
     usual = min(1.0, (event.sum() + touched.max() + 1) / len(q))  # a visit may begin in one

@@ -85,17 +85,22 @@ def fit_model(
 ) -> Fit:
     """Theta and the initial states that fit best, by Levenberg and Marquardt's method.
 
-    The search begins with theta and x0, and with how a model changes that is `near` and lacks the
-    last effect; a hasty one ends as well where the cost falls but slowly. Without learned forces a
-    linear form is kept as long as it foretells what a step does; where a simulation is dear, of
-    what a prior holds also beyond, and initial states give way by it.
+    Args:
+        model: what is fitted.
+        windows: to what.
+        theta: where the search begins.
+        x0: initial states from which it begins.
+        iterations: at most.
+        hasty: end as well where the cost falls but slowly.
+        near: how a model changes that lacks its last effect, with which the search begins.
+
+    Without learned forces a linear form is kept as long as it foretells what a step does.
     """
     damping, share = 1e-4, model.budget.share(BUDGET.fit)
-    given_up, dear = np.zeros(len(windows), dtype=bool), model.plant.costly
-    lin: Linearised | None = None
+    lin, given_up, dear = near, np.zeros(len(windows), dtype=bool), model.plant.costly
     for _ in range(iterations):
         low, high = model.reach(theta)
-        held = lin if dear and not near and not model.learned else None
+        held = lin if dear and not near and not model.learned else None  # held: little changes
         kept, lin = near, linearise(model, windows, theta, x0, near or held, anew=bool(held))
         by_window = np.einsum("wn,wn->w", lin.r, lin.r)
         robust = Robust.of(by_window, windows.samples)
@@ -369,8 +374,9 @@ def likelier_clock(problems: Sequence[GapProblem], fit: Fit | None = None) -> Ga
     A step of a command that acts a millisecond late bends the second after it by more than the
     noise. What else a model lacks hides that, so the best one is asked again.
 
-    There is one, or the same with the commands as stamped and as a clock sent them; by default the
-    nominal plant is asked.
+    Args:
+        problems: one, or the same with the commands as stamped and as a clock sent them.
+        fit: of the model that is asked; by default the nominal plant.
     """
     if len(problems) == 1:
         return problems[0]

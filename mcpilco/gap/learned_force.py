@@ -44,7 +44,11 @@ FINE, MEDIUM, COARSE, WOUND = Fineness(0.05), Fineness(0.1), Fineness(0.25), Fin
 def with_learned_force(fit: Fit, windows: Windows, short: Windows) -> Fit:
     """The fit with a learned force of as many parts as predict more; itself where none does.
 
-    In `short` windows the response to a missing force is still linear; in the end `windows` count.
+    Args:
+        fit: a fit.
+        windows: those that it is to be fitted to in the end.
+        short: windows of `GapProblem.short_s` of the same recordings: in them the response to a
+            missing force is still linear.
     """
     share = fit.model.budget.share(BUDGET.learning)
     part = on_windows(fit, short)

@@ -85,6 +85,7 @@ class ForceResponse:
 
 def force_response(fit: Fit, windows: Windows, hold_s: float = FORCE.hold_s) -> ForceResponse:
     """The response of residuals to forces in the joints, each held for `hold_s` [s]."""
+    # where dear, motions that were fitted to the windows as they are stay near enough
     near, windows = fit.model.plant.costly and windows.whitening is None, windows.plain
     lin = linearise(fit.model, windows, fit.theta, fit.x0, over_theta=False)
     layout, disturbance = fit.model.plant.layout, Disturbance.of(fit, windows, hold_s, near)
