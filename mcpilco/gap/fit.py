@@ -100,7 +100,7 @@ def fit_model(
     lin, given_up, dear = near, np.zeros(len(windows), dtype=bool), model.plant.costly
     for _ in range(iterations):
         low, high = model.reach(theta)
-        held = lin if dear and not near and not model.learned else None  # held: little changes
+        held = lin if dear and not near and not model.learned else None  # what a prior holds stays
         kept, lin = near, linearise(model, windows, theta, x0, near or held, anew=bool(held))
         by_window = np.einsum("wn,wn->w", lin.r, lin.r)
         robust = Robust.of(by_window, windows.samples)
