@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -38,6 +39,7 @@ def push(time: float) -> float:
     return 0.4 if PUSH_S[0] <= time < PUSH_S[1] else 0.0
 
 
+@cache
 def nominal(
     force: Force = nothing, outside: Outside = lambda time: 0.0
 ) -> tuple[Fit, Windows, list[Recording]]:

@@ -45,24 +45,36 @@ def hopper() -> GapProblem:
     return problem_of(HOPPER, recorded(plant_of_text(FINE)))
 
 
-def test_noise_is_what_the_plant_leaves_where_impacts_are_as_sudden(hopper: GapProblem) -> None:
-    found = followed(hopper, {})
+@pytest.fixture(scope="module")
+def hopping(hopper: GapProblem) -> GapProblem:
+    """As far as it can be followed."""
+    return followed(hopper, {})
+
+
+@pytest.fixture(scope="module")
+def airborne() -> GapProblem:
+    """A hopper that touches nothing, as far as it can be followed."""
+    return followed(problem_of(AIRBORNE, recorded(plant_of_text(AIRBORNE))), {})
+
+
+def test_noise_is_what_the_plant_leaves_where_impacts_are_as_sudden(
+    hopper: GapProblem, hopping: GapProblem
+) -> None:
     seen = hopper.std / NOISE
-    left = found.std / NOISE
+    left = hopping.std / NOISE
     assert seen.max() > 5.0  # impacts count as noise where a smooth curve is all that is known
     assert np.all((left > 0.7) & (left < 0.5 * seen.max()))
     assert np.median(left) < 1.6
 
 
-def test_noise_that_is_known_stays() -> None:
+def test_noise_that_is_known_stays(airborne: GapProblem) -> None:
     known = {"knee_velocity": 0.5}
-    recordings = recorded(plant_of_text(AIRBORNE))
-    problem = problem_of(AIRBORNE, recordings, known)
+    problem = problem_of(AIRBORNE, list(airborne.recordings), known)
     found = followed(problem, known)
     x = problem.plant.layout.states.index("knee_velocity")
     assert problem.std[x] == 0.5
     assert 0.5 <= found.std[x] < 0.51  # but for what the timesteps do
-    assert followed(problem_of(AIRBORNE, recordings), {}).std[x] < 0.3
+    assert airborne.std[x] < 0.3
 
 
 def test_recordings_without_noise_keep_some() -> None:
@@ -73,11 +85,10 @@ def test_recordings_without_noise_keep_some() -> None:
 
 
 def test_windows_end_where_motions_do_not_answer_smoothly_to_their_starts(
-    hopper: GapProblem,
+    hopping: GapProblem, airborne: GapProblem
 ) -> None:
-    airborne = followed(problem_of(AIRBORNE, recorded(plant_of_text(AIRBORNE))), {})
     assert airborne.window_s > 0.7 * DATA.window_s
-    assert DATA.shortest_s <= followed(hopper, {}).window_s < 0.5 * airborne.window_s
+    assert DATA.shortest_s <= hopping.window_s < 0.5 * airborne.window_s
 
 
 def test_equations_are_followed_as_they_are() -> None:
@@ -87,11 +98,10 @@ def test_equations_are_followed_as_they_are() -> None:
 
 
 @pytest.mark.parametrize("name", ["sensor_lag", "sensor_delay"])
-def test_what_is_quicker_than_a_timestep_is_no_effect(hopper: GapProblem, name: str) -> None:
+def test_what_is_quicker_than_a_timestep_is_no_effect(hopping: GapProblem, name: str) -> None:
     """An integrator is as late by itself."""
-    problem = followed(hopper, {})
-    step = problem.plant.finely(problem.finer).timestep_s
-    model = problem.model(problem.windows()[:3])
+    step = hopping.plant.finely(hopping.finer).timestep_s
+    model = hopping.model(hopping.windows()[:3])
     late = EffectInstance(CATALOGUE[name], "knee_position")
     for part, meant in ((0.3, False), (3.0, True)):
         larger, theta = model.grown(np.zeros(model.nuisances), late, [part * step])
