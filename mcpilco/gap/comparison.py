@@ -343,10 +343,7 @@ def closed_interval(
 ) -> Interval:
     """The part of the gap that is closed: 1 less the part that is left, a ratio where positive.
 
-    Args:
-        by_window: squared errors, by model.
-        baseline: from which model the gap is measured.
-        windows: of these.
+    From squared errors by model, of which the `baseline` is that from which the gap is measured.
     """
 
     def rest(weights: Float[np.ndarray, "R W"]) -> Float[np.ndarray, " R"]:

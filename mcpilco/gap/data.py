@@ -246,13 +246,7 @@ class Event:
 def event_of(
     events: Sequence[Event], windows: Windows, names: Sequence[str]
 ) -> Int[np.ndarray, " W"]:
-    """Number of the event that touches each window; -1 where none does.
-
-    Args:
-        events: spans of recordings.
-        windows: of some recordings.
-        names: of these recordings.
-    """
+    """Number of the event that touches each window of recordings by `names`; -1 where none does."""
     ends = windows.start_s + windows.y.shape[2] * windows.dt
     own = np.array([names[n] for n in windows.recording])
     touched = np.full(len(windows), -1)

@@ -18,7 +18,7 @@ from mcpilco.gap.plant_model import PlantModel, Theta
 from mcpilco.gap.posterior import Considered, intervals, lasting, member
 from mcpilco.gap.screen import bounded
 from mcpilco.gap.search import SearchResult, Tried, shrunk, without
-from mcpilco.gap.sensitivities import linearise, residual, run
+from mcpilco.gap.sensitivities import residual, run
 from mcpilco.gap.thresholds import DATA, SEARCH, VERDICT
 from mcpilco.plant import EffectInstance, Member, Plant
 from mcpilco.plant.effects import Symbol
@@ -110,7 +110,7 @@ def slight_effects(best: Fit, null: Fit, windows: Windows) -> list[EffectInstanc
     """
     if not best.model.effects:
         return []
-    lin = linearise(best.model, windows, best.theta, best.x0)
+    lin = best.linearised(windows)
     priors = np.array([*null.model.priors.values()])
     told = np.where(np.isfinite(priors), np.minimum(priors, DATA.uncertainty), 0.0)
     wrong = np.square(lin.cleaned(lin.Jp[..., : len(told)]) * told).sum(axis=1)
@@ -298,8 +298,7 @@ class Rival:
 def rivals(result: SearchResult, instance: EffectInstance) -> list[Rival]:
     """The models of a search as likely as its best one, but with another effect for one of it.
 
-    Or with one in the place of several that it may stand for, or the other way round. Beside
-    effects that are likely, and not worth it, what takes the place of one may be likelier too.
+    Or with one in the place of several, or the other way round; or beside effects that are likely.
     """
     ours, least, listed = {*result.best.model.effects}, result.ranked[0][1], []
     known = {frozenset(fitted.model.effects): b for fitted, b in result.ranked}

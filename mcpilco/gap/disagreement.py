@@ -194,11 +194,7 @@ def still_missed(
     The widest swings may seem to hold one, for no other tells the force at their ends. So the model
     is fitted to them too, as far as windows count that are missed by more than the others.
 
-    Args:
-        best: the model, fitted to the other windows.
-        windows: these.
-        masked: those that seemed to hold an event.
-        train: numbers of the recordings to which it may be fitted.
+    `best` is the model, fitted to the other `windows`; `train` numbers recordings for its fit.
     """
     if not len(masked):
         return masked, masked
@@ -228,12 +224,8 @@ def spans_of(windows: Windows, recordings: Sequence[Recording]) -> tuple[Event, 
 def bursts(fit: Fit, short: Windows, recordings: Sequence[Recording]) -> tuple[Event, ...]:
     """Spans in which a far larger force is missed than usual, and more than a part of what acts.
 
-    None where they would be much of the recordings: then the model is wrong.
-
-    Args:
-        fit: a fit.
-        short: windows of `GapProblem.short_s`, half overlapping, of all recordings in their order.
-        recordings: these.
+    None where they would be much of the recordings: then the model is wrong. Short windows are
+    `GapProblem.short_s` long, half overlapping, and of all recordings in their order.
     """
     part, short = _without_spikes(on_windows(fit, short), short)
     far = _far(part, short)
@@ -258,12 +250,7 @@ def unforeseen(
 
     What a contact or a magnet does recurs where the machine comes by again; a push does not. It is
     sought as a force that is alike everywhere, and as a narrow one in a joint over few coordinates.
-
-    Args:
-        spans: the events.
-        fit: a fit.
-        short: windows of `GapProblem.short_s`, half overlapping, of all recordings in their order.
-        recordings: these.
+    Fit, windows and recordings as of `bursts`.
     """
     apart = short[::2]
     touched = event_of(spans, apart, [recording.name for recording in recordings])

@@ -102,7 +102,7 @@ class Disturbance:
     def evidence(self, fit: Fit, near: bool = False) -> Evidence:
         """The evidence for a fit, its initial states and random forces eliminated."""
         windows, fit = self.windows, fit if near else nearer(fit, self.windows)
-        lin = lean(fit.model, windows, fit.theta, fit.x0)
+        lin = fit.linearised(windows, lean)
         G = np.where(lin.lost[:, :, None], 0.0, self.columns)
         seen = windows.measured.reshape(lin.r.shape)
         G, r = (np.where(seen[:, :, None], part, 0.0) for part in (G, lin.r[:, :, None]))

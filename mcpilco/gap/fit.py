@@ -6,8 +6,9 @@ the other parameters' columns is what no initial state could have done.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -30,11 +31,21 @@ class Fit:
     x0: InitialStates
     by_window: PerWindow
     """the squared residuals of each, over squared noise"""
+    _known: list[Any] = field(default_factory=list, init=False, repr=False, compare=False)
 
     @property
     def chi2(self) -> float:
         """Those of all windows, and the prior's."""
         return float(self.by_window.sum()) + self.model.penalty(self.theta)
+
+    def linearised(
+        self, windows: Windows, how: Callable[..., Linearised] = linearise
+    ) -> Linearised:
+        """The model where it was fitted; on the same windows, weighed alike, it is known."""
+        key = windows.y, windows.whitening, how
+        if not self._known or any(a is not b for a, b in zip(self._known, key, strict=False)):
+            self._known[:] = *key, how(self.model, windows, self.theta, self.x0)
+        return self._known[-1]
 
     def at(self, chosen: Int[np.ndarray, " V"]) -> Fit:
         """This fit, of some of the windows only."""
@@ -121,7 +132,9 @@ def fit_model(
                 break
             worse = np.flatnonzero(after > by_window)
             if not then < now and len(worse) and not dear:  # right, perhaps, and too far for x0
-                moved[worse] = _fit_initial_states(model, windows[worse], there, moved[worse], 4)
+                moved[worse] = improved_initial_states(
+                    model, windows[worse], there, moved[worse], FIT.few
+                )
                 after[worse] = misfits(model, windows[worse], there, moved[worse])
                 then = _cost(model, there, after, robust, temper)
             if then < now:
@@ -227,11 +240,11 @@ def fit_initial_states(
     y = windows.y.copy()
     y[:, :, y.shape[2] // 3 :] = np.nan
     if np.isfinite(y).any():
-        x0 = _fit_initial_states(model, replace(windows.plain, y=y), theta, x0)
-    return _fit_initial_states(model, windows, theta, x0)
+        x0 = improved_initial_states(model, replace(windows.plain, y=y), theta, x0)
+    return improved_initial_states(model, windows, theta, x0)
 
 
-def _fit_initial_states(
+def improved_initial_states(
     model: PlantModel,
     windows: Windows,
     theta: Theta,
@@ -324,10 +337,23 @@ def truncated(model: PlantModel, windows: Windows, theta: Theta) -> Windows:
 
 
 def fit_nominal(model: PlantModel, windows: Windows) -> tuple[Fit, Windows]:
-    """The fit from the nominal parameters, and the windows to where their motion diverges."""
+    """The fit from the nominal parameters, and the windows to where their motion diverges.
+
+    Where a simulation is dear the parameters stay for now: all fits that follow move them.
+    """
     theta = np.zeros(model.nuisances)
     windows = truncated(model, windows, theta)
-    return fit_model(model, windows, theta, fit_initial_states(model, windows, theta)), windows
+    x0 = fit_initial_states(model, windows, theta)
+    if model.plant.costly:
+        return Fit(model, theta, x0, misfits(model, windows, theta, x0)), windows
+    return fit_model(model, windows, theta, x0), windows
+
+
+def refit_nominal(null: Fit, windows: Windows) -> Fit:
+    """The nominal fit to windows of which samples were taken; where dear, the parameters stay."""
+    if null.model.plant.costly:
+        return weighed_anew(null, windows)
+    return fit_model(null.model, windows, null.theta, null.x0, iterations=5)
 
 
 def refit_truncated(fit: Fit, windows: Windows) -> tuple[Fit, Windows]:
@@ -353,7 +379,7 @@ def nearer(fit: Fit, windows: Windows) -> Fit:
 
     Where random forces weigh them, a fit may let them go far away.
     """
-    x0 = _fit_initial_states(fit.model, windows.plain, fit.theta, fit.x0)
+    x0 = improved_initial_states(fit.model, windows.plain, fit.theta, fit.x0)
     return weighed_anew(replace(fit, x0=x0), windows.plain)
 
 
@@ -371,8 +397,8 @@ def weighed_anew(fit: Fit, windows: Windows) -> Fit:
 def likelier_clock(problems: Sequence[GapProblem], fit: Fit | None = None) -> GapProblem:
     """The problem whose commands a model fits better; those of a clock where it is hard to tell.
 
-    A step of a command that acts a millisecond late bends the second after it by more than the
-    noise. What else a model lacks hides that, so the best one is asked again.
+    A millisecond by which a command acts late shows. What a model lacks hides it, so the best one
+    is asked again.
 
     Args:
         problems: one, or the same with the commands as stamped and as a clock sent them.

@@ -37,11 +37,11 @@ from mcpilco.gap.disagreement import (
 )
 from mcpilco.gap.fit import (
     Fit,
-    fit_model,
     fit_nominal,
     likelier_clock,
     on_windows,
     refit,
+    refit_nominal,
     refit_truncated,
     truncated,
 )
@@ -64,7 +64,6 @@ from mcpilco.recordings import (
 )
 
 _LOG = logging.getLogger(__name__)
-"""tells each stage that begins, and in `found` what is known by then"""
 
 
 def investigate(
@@ -197,7 +196,7 @@ AT_REST = f"Nothing moves: no position changes by more than its noise. {MOVE}"
 
 
 def _tell(stage: str, best: Fit | None = None) -> None:
-    """Log that a stage begins, and the effects that are known by then."""
+    """Log that a stage begins, and as `found` the effects that are known by then."""
     effects = [] if best is None else [str(effect) for effect in best.model.effects]
     _LOG.info(stage, extra={"found": effects})
 
@@ -255,7 +254,7 @@ def _explain_but_events(
     clean = without_spikes(null, windows)
     if not np.array_equal(clean.measured, windows.measured):
         kept = without_spikes(null, kept)
-        null = fit_model(null.model, kept, null.theta, null.x0, iterations=5)
+        null = refit_nominal(null, kept)
     far = windows_with_events(null, kept)
     return _explain(problem, clean[~far], clean[far], hints)
 

@@ -292,12 +292,9 @@ class GridPrior:
 
     @classmethod
     def of(cls, axes: Sequence[Axis], lengthscales: Sequence[float], least: float) -> GridPrior:
-        """The squared exponential one.
+        """The squared exponential one, by the lengthscale in each axis's even coordinate.
 
-        Args:
-            axes: of the grid.
-            lengthscales: for each axis, in its even coordinate.
-            least: variance below which a direction is left out.
+        Directions of less than the `least` variance are left out.
         """
         roots, variances = [], []
         for axis, lengthscale in zip(axes, lengthscales, strict=True):

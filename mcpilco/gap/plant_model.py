@@ -180,6 +180,21 @@ class PlantModel:
         rest = tuple(other for other in self.added if other != instance)
         return replace(self, added=rest), np.delete(theta, np.arange(span.start, span.stop))
 
+    def scaled(self, theta: Theta, instance: EffectInstance, factor: float) -> Theta:
+        """Theta with one of its effects some times as far from what changes nothing."""
+        theta = theta.copy()
+        if instance in self.freed:
+            theta[[*self.priors].index(self._parameter(instance))] *= factor
+        else:
+            span, effect = self.spans()[self.added.index(instance)], instance.effect
+            logs, values = self.logarithmic[span], self.decode(theta[None])[1]
+            now, neutral = values[self.added.index(instance)][0], effect.neutral
+            sized = effect.amplitudes & np.isfinite(neutral)
+            with np.errstate(invalid="ignore"):  # of a limit that is nowhere
+                there = np.where(sized, neutral + factor * (now - neutral), now)
+            theta[span] = np.where(logs, np.log(np.where(logs, there, 1.0)), there)
+        return self.softened(np.clip(theta, *self.bounds))
+
     def effect_values(
         self, theta: Float[np.ndarray, "S p"]
     ) -> list[tuple[EffectInstance, Float[np.ndarray, "S symbols"]]]:

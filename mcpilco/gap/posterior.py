@@ -10,7 +10,7 @@ from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.plant_model import Theta
-from mcpilco.gap.sensitivities import linearise, motion_midway
+from mcpilco.gap.sensitivities import motion_midway
 from mcpilco.plant import Member, name_of
 
 Considered = Float[np.ndarray, "W n k"]
@@ -39,7 +39,7 @@ def covariance(best: Fit, windows: Windows, considered: Considered) -> Float[np.
         Journal of Econometrics 29 (1985), HC3, with windows as clusters; Tapley, Schutz & Born,
         Statistical Orbit Determination (2004), chapter 6, for what is considered.
     """
-    lin, prior = linearise(best.model, windows, best.theta, best.x0), np.diag(best.model.precision)
+    lin, prior = best.linearised(windows), np.diag(best.model.precision)
     P = lin.cleaned(lin.Jp)
     by_window = np.einsum("wni,wnj->wij", P, P)
     H = by_window.sum(axis=0) + prior
@@ -57,12 +57,8 @@ def lasting(
     """The response to forces that are alike in all windows, weighed as these are.
 
     In each joint one that is constant, and some in proportion to position, speed and its sign.
-
-    Args:
-        disturbance: the responses to forces along the motions.
-        fit: that makes these.
-        windows: in which they are.
-        std: of each force over all windows, by joint [usual forces].
+    `std` is that of each over all windows [usual forces], `disturbance` the response to forces
+    along the motions of the fit.
     """
     at, columns = motion_midway(fit.model, fit.theta, windows), []
     for j, size in enumerate(std):

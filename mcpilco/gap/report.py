@@ -428,13 +428,9 @@ _WORDS = {
 
 
 def separation(best: Fit, rival: Fit, part: Part, windows: Windows) -> float:
-    """Least squared misfit of a model on the simulated measurement of another [noise variances].
+    """Least squared misfit of a rival on simulated measurements of the best [noise variances].
 
-    Args:
-        best: the model that is simulated, without noise.
-        rival: the model that is fitted to it.
-        part: what kind of input.
-        windows: of the recordings, for their sampling time, noise and largest commands.
+    The part is the kind of input; windows tell the sampling time, noise and largest commands.
     """
     designed = _simulated(best, part, windows)
     windows = cut([designed], windows.std)

@@ -21,10 +21,12 @@ from mcpilco.gap.data import Windows, split
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import (
     Fit,
+    Robust,
     fit_initial_states,
     fit_model,
     fit_nominal,
     given_way,
+    improved_initial_states,
     misfits,
     nearer,
     on_windows,
@@ -32,8 +34,8 @@ from mcpilco.gap.fit import (
 )
 from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, InitialStates, PlantModel, Theta
 from mcpilco.gap.screen import Score, screen
-from mcpilco.gap.sensitivities import Linearised, linearise
-from mcpilco.gap.thresholds import BUDGET, DATA, SEARCH, VERDICT
+from mcpilco.gap.sensitivities import Linearised
+from mcpilco.gap.thresholds import BUDGET, DATA, FIT, SEARCH, VERDICT
 from mcpilco.plant import EffectInstance
 
 Effects = frozenset[EffectInstance]
@@ -77,6 +79,8 @@ class Tried:
     fits: dict[Effects, Fit] = field(default_factory=dict)
     evidence: dict[Effects, Evidence] = field(default_factory=dict)
     """for the fits, as far as they were judged"""
+    near: dict[tuple[Effects, bytes], Fit] = field(default_factory=dict)
+    """fits that stay near what was measured, by effects and theta, where a simulation is dear"""
     grown: set[tuple[Effects, bool, *tuple[EffectInstance, ...]]] = field(default_factory=set)
     """those whose neighbours were fitted, whether effects were exchanged too, and which of them"""
     screened: dict[Effects, tuple[Fit, list[Score]]] = field(default_factory=dict)
@@ -101,11 +105,8 @@ class Tried:
         return self
 
     def weigh_by(self, best: Fit) -> None:
-        """Let its random forces weigh what is fitted from now on; forget the worst models.
-
-        By the weights before an effect may have promised too little to be added to it.
-        """
-        self.grown.discard((frozenset(best.model.effects), False))
+        """Let its random forces weigh what is fitted from now on; forget the worst models."""
+        self.grown.discard((frozenset(best.model.effects), False))  # others may promise more now
         self.screened.clear()
         followed = [self.null, best, *self.ranked[: SEARCH.followed]]
         self.disturbance = Disturbance.of(best, self.windows)
@@ -134,11 +135,12 @@ class Tried:
     def _evidence(self, fit: Fit) -> Evidence:
         """With the response to random forces along its own motions, or, where dear, the best's.
 
-        Where a small change leads a motion anywhere the response along another one's explains more
-        or less than its own, by more than an effect has to.
+        Where a small change leads a motion anywhere, the response along another one's misleads.
         """
         if fit.model.plant.costly:
-            return self.disturbance.evidence(fit)
+            key = frozenset(fit.model.effects), fit.theta.tobytes()
+            self.near[key] = self.near.get(key) or nearer(fit, self.windows)
+            return self.disturbance.evidence(self.near[key], near=True)
         uncounted = replace(fit, model=replace(fit.model, budget=ComputeBudget()))
         near = nearer(uncounted, self.windows)
         return Disturbance.of(near, self.windows, near=True).evidence(near, near=True)
@@ -174,8 +176,7 @@ class Tried:
         """Whether further effects explain as much as they leave over, in some joint or reading.
 
         What is left of a machine's forces has a form of its own, which an effect that explains less
-        than that would but imitate. Where nothing is left, but noise that is white or goes over to
-        the next reading and is no larger than some have, the evidence decides alone.
+        than that would but imitate. Where no more is left than noise, the evidence decides alone.
         """
         before, after = (_left_over(self.judged(fit)) for fit in (smaller, larger))
         halved = (before > 0.0) & (before >= 2.0 * after)
@@ -186,8 +187,7 @@ class Tried:
     def ranked(self) -> list[Fit]:
         """All fits by their BIC; of those that do the same, the first has the usual effect.
 
-        A delay of the only actuator and one of the only sensor differ by rounding. Which of them is
-        named should not depend on that.
+        A delay of the only actuator and one of the only sensor differ by rounding.
         """
         usual = list(self.null.model.plant.catalogue)
 
@@ -224,8 +224,8 @@ class Tried:
     def simplify(self) -> None:
         """Fits the best model in plainer forms, from where its own values are.
 
-        Without what others made needless, with special cases, with one effect for those that make
-        it or for all of masses, and with effects of masses where it takes these from their priors.
+        Without what is needless, with special cases, with one effect for several that make it, and
+        with effects of masses where it takes these from their priors.
         """
         best = self.best()
         if not best.model.plant.costly:
@@ -310,15 +310,13 @@ class Tried:
             self.add(rest, some, most, share, max(SEARCH.promising, least))
         return scores
 
-    def scores(
-        self, fit: Fit, new: Sequence[EffectInstance], lin: Linearised | None = None
-    ) -> list[Score]:
-        """Those of effects that a fit lacks; `lin` is how its model changes on the windows."""
+    def scores(self, fit: Fit, new: Sequence[EffectInstance]) -> list[Score]:
+        """Those of effects that a fit lacks."""
         ours, dear = frozenset(fit.model.effects), fit.model.plant.costly
         known, scores = self.screened.get(ours, (None, []))
         if known is fit and not dear:
             return [score for score in scores if score.instance in new]
-        lin = lin or linearise(fit.model, self.windows, fit.theta, fit.x0)
+        lin = fit.linearised(self.windows)
         scores = screen(fit, lin, self.windows, new, pulses=self.disturbance if dear else None)
         if len(new) == len(_further(fit, self.candidates)):
             self.screened[ours] = fit, scores
@@ -336,8 +334,8 @@ class Tried:
         ours, new = fit.model.effects, _further(fit, candidates)
         if not new or len(ours) == SEARCH.most_effects:
             return []
-        lin, dear = linearise(fit.model, self.windows, fit.theta, fit.x0), fit.model.plant.costly
-        scores = self.scores(fit, new, lin)
+        lin, dear = fit.linearised(self.windows), fit.model.plant.costly
+        scores = self.scores(fit, new)
         least = max(least, SEARCH.part_of_exchanged * (scores[0].gain if dear and scores else 0.0))
         begun: dict[Effects, Fit] = {}
         some = np.arange(0, len(self.windows), SEARCH.thinned)
@@ -365,7 +363,7 @@ class Tried:
             x0 = fit.x0.copy()
             x0[some] = grown.x0
             if dear:  # the model without the effect has led them astray
-                x0, _ = given_way(grown.model, self.windows, grown.theta, x0, lin.Jx)
+                x0 = improved_initial_states(grown.model, self.windows, grown.theta, x0, FIT.few)
             self.keep(fit_model(grown.model, self.windows, grown.theta, x0, 8, near=near))
         return scores
 
@@ -403,9 +401,8 @@ def search(
 ) -> SearchResult:
     """Changes models as long as the evidence grows, the best ones first.
 
-    Where a model misses much its motions leave the measured ones, and answer to an effect in
-    another way than these. If the best model does, parts of the windows are searched too: short
-    motions stay close. What fits them is tried on the windows.
+    Where the best model misses much, its motions answer to an effect in another way than measured
+    ones. Then parts of the windows are searched too, and what fits them is tried on the windows.
 
     It begins without effects, and goes on from `hints`, fits to other windows of the machine.
     """
@@ -452,8 +449,7 @@ def confuse(tried: Tried) -> None:
 def _reconsider(tried: Tried, share: BudgetShare) -> list[Score]:
     """Exchanges effects of the best model for what does as much, where a search ended too soon.
 
-    What came first may be an image of the right effect, as others were missing then. It goes on
-    from what is better; the scores of further effects.
+    What came first may be an image of the right effect; the scores of further effects.
     """
     best = tried.best()
     for fit in (tried.ranked[0], best):  # the likeliest may have a needless effect
@@ -506,13 +502,11 @@ def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
 def _next(tried: Tried, best: Fit) -> list[Fit]:
     """The best model and the next ones by their evidence, whose neighbours are not known yet.
 
-    What still misses an effect may bend the nominal parameters far beyond their priors to imitate
-    it. That costs it its rank, but it is one effect away from what is there. And of three effects
-    none may explain as much as the others leave over before these are known: models that are far
-    likelier than the best one go on, though they are not preferred to it yet. So do the special
-    cases of the best one, which may miss but one further effect; and if that takes masses far from
-    their priors, which may imitate several effects, the likeliest one that does not. Where a
-    simulation is dear and the best one leaves nothing over, nothing but these goes on.
+    What still misses an effect may bend nominal parameters to imitate it, which costs it its rank
+    alone; of three effects none may explain what the others leave over. So models go on that are
+    far likelier than the best one; its special cases, which may miss but one further effect; and if
+    it takes masses far from their priors, the likeliest one that does not. Where a simulation is
+    dear and the best one leaves nothing over, nothing but these goes on.
     """
     most, known = tried.judged(best).deviance - SEARCH.bic_gain, tried.bic(best)
     closed = best.model.plant.costly and not _left_over(tried.judged(best)).any()
@@ -537,13 +531,13 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
 def grow(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> Fit | None:
     """The closest fit of a model with one effect more, from the sizes at which it misses least.
 
-    `lin` is how the model of the fit changes on the windows. Where a simulation is dear, None if at
-    none of the sizes less is missed.
+    `lin` is how the fit's model changes on the windows. Where dear, None if no size misses less.
     """
     starts = _begun(fit, score, windows, lin)[: SEARCH.starts]
     near = None if fit.model.learned else lin
     fits = [fit_model(*start, iterations=4, hasty=True, near=near) for start in starts]
-    return min(fits, key=lambda each: each.chi2, default=None)
+    best = min(fits, key=lambda each: each.chi2, default=None)
+    return enlarged(best, score.instance, windows) if best and best.model.plant.costly else best
 
 
 def _begun(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> list[Start]:
@@ -566,6 +560,23 @@ def _begun(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> list[St
     order = np.argsort([np.log(np.maximum(m / windows.samples, 1.0)).sum() for _, m in begun])
     least = np.log(fit.by_window).sum() if dear else np.inf
     return [begun[n][0] for n in order if np.log(begun[n][1]).sum() < least]
+
+
+def enlarged(fit: Fit, instance: EffectInstance, windows: Windows) -> Fit:
+    """The fit with an effect as large as the initial states allow that are fitted to its size.
+
+    Behind an impact some windows answer to the least change of an effect beyond all proportion, and
+    hold its size where it is, though at twice the size all of them together are missed less.
+    """
+    robust = Robust.of(fit.by_window, windows.samples)
+    while True:
+        theta = fit.model.scaled(fit.theta, instance, SEARCH.enlarged)
+        x0 = improved_initial_states(fit.model, windows, theta, fit.x0, FIT.few)
+        larger = Fit(fit.model, theta, x0, misfits(fit.model, windows, theta, x0))
+        falls = robust.cost(larger.by_window) < robust.cost(fit.by_window)
+        if not falls or (theta == fit.theta).all():
+            return fit
+        fit = larger
 
 
 def without(fit: Fit, gone: Iterable[EffectInstance], windows: Windows, null: Fit) -> Fit:

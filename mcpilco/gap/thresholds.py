@@ -25,8 +25,7 @@ class DataThresholds:
     memory_s: float = 3.0
     """of commands before a window where a recording has them [s]: backlash remembers a turn"""
     shortest_hold_s: float = 5e-3
-    """for which a command is held in a simulation, where the log has shorter ones [s]: of those,
-    their mean, which keeps the impulse; what a joint moves meanwhile is far below any encoder"""
+    """for which a simulated command is held, at least [s]: a joint then moves far below a count"""
     compared_s: float = 0.01
     """between samples that are compared, where a log has more [s]: one between tells nothing"""
     latency_s: float = 0.06
@@ -96,11 +95,11 @@ class FitThresholds:
     settled: float = 1.0
     """change of the cost below which a dear fit ends [misfit of a sample]; a name needs 15"""
     tolerated: float = 9.0
-    """times the median misfit up to which a window counts in full [-]: three standard deviations
-    (Huber & Ronchetti, Robust Statistics, 2009, chapter 7, with windows for samples)"""
+    """times the median misfit up to which a window counts in full [-]: three standard deviations"""
     foretold: float = 0.75
-    """part of the hoped fall of a cost from which on the linear form that hoped so is kept [-]:
-    customary for trust regions (Nocedal & Wright, Numerical Optimization, 2006, section 4.1)"""
+    """part of the hoped fall of a cost from which on the linear form that hoped so is kept [-]"""
+    few: int = 4
+    """steps of initial states that follow a change of theta"""
     divergence: float = 20.0
     """growth of a start state's error beyond which a window is cut off [-]: no fit can follow it"""
     free_std: float = 1.0
@@ -114,8 +113,7 @@ class FitThresholds:
     quickest_s: float = 1e-4
     """in which dry friction may bring its joint to rest [s]: what a simulation can follow"""
     quick_s: float = 1e-3
-    """the same where none could tell it from a quicker one [s]: a joint that sticks takes a step in
-    this time. On `rough`, seed 2327, misfits are the same as with 1e-4, and worse with 3e-3"""
+    """the same where none could tell it from a quicker one [s]; `rough` 2327 is worse by 3e-3"""
     unseen_turn: float = 0.003
     """part of its joint's usual speed up to which none could tell where it turns over [-]"""
 
@@ -125,8 +123,7 @@ class DisturbanceThresholds:
     """The random force in each joint."""
 
     ratios: tuple[float, float] = (-25.0, 12.0)
-    """least and largest log of its variance over that of the noise [(usual force / noise std)^2]:
-    none at all, and as much as makes a model worthless"""
+    """log of its variance over the noise's [(usual force / noise std)^2]: none, and far too much"""
     most: float = 0.3
     """random force that weighs a fit at most [usual forces]: more would fit it to nothing"""
     least_noise: float = 0.1
@@ -185,8 +182,7 @@ class SearchThresholds:
     same_bic: float = 0.01
     """difference in BIC below which models do the same: rounding"""
     least_force: float = 0.01
-    """random force in a joint below which nothing is left of its forces [usual forces]; the right
-    effects leave 0.004 to 0.008 in tier `rough` of `runs/hidden_effects`, seeds below 100"""
+    """random force in a joint below which nothing is left [usual forces]; `rough` leaves 0.008"""
     least_noise: float = 2.0
     """variance of the noise beyond the reported one that an effect may explain [-]; where it is
     correlated its std is reported too small, by a factor of 1.3 to 2.1 in tier `rough`"""
@@ -199,8 +195,7 @@ class SearchThresholds:
     part_of_exchanged: float = 0.1
     """least part of what an effect explains that one must promise to be tried in its place [-]"""
     as_much: float = 0.5
-    """part of what one effect explains, or promised and kept, that another must promise [-]: in its
-    place at last, or beside it where a simulation is dear"""
+    """part of what one effect explains that one in its place, or beside it, must promise [-]"""
     exchanges: int = 3
     """effects that are tried in the place of one, besides its special and general cases"""
     beam: int = 3
@@ -211,6 +206,8 @@ class SearchThresholds:
     """rounds that a search goes on without a better model"""
     begun: tuple[float, ...] = (4.0, 1.0, 0.25, 0.0625)
     """parts of the size by the linear response that are tried [-]: it errs where joints stick"""
+    enlarged: float = 2.0
+    """times the size that a fit ends at which is tried next where a simulation is dear [-]"""
     starts: int = 2
     """of these, the best, from which an effect is fitted: a joint that sticks has several optima"""
     most_effects: int = 7
@@ -228,8 +225,7 @@ class EventThresholds:
     spike: float = 8.0
     """noise std by which a sample that was read wrongly stands out from its neighbours"""
     beyond: float = 4.0
-    """times the range of its four neighbours by which it does so too [-]: `spike` for noise alone,
-    whose range is about 2 std; what a model misses of a fast motion stands out by less"""
+    """times the range of its four neighbours by which it does so too [-]: of noise about 2 std"""
     far: float = 12.0
     """times the median misfit from which a window may hold an event [-]"""
     rare: float = 0.35
@@ -256,8 +252,7 @@ class EventThresholds:
     burst_passes: int = 6
     """to find bursts, at most"""
     recurring: float = 0.01
-    """probability that events happen by chance at one place, all places together, below which they
-    are no accidents [-] (a binomial test with Dunn's correction, JASA 56, 1961)"""
+    """probability of so many events at one place by chance below which they are no accidents [-]"""
 
 
 @dataclass(frozen=True)
@@ -344,14 +339,12 @@ class VerdictThresholds:
     tied: float = 20.0
     """difference in BIC below which sets of effects cannot be distinguished; above `bic_gain`"""
     slight: float = 0.5
-    """change of the motions by an effect below which it is not told, in that by the parameter that
-    changes them most, were it as wrong as is told or by 1 % [-]: MuJoCo's default integrator in
-    steps of 2 ms makes 0.1 to 0.4 out of lags and drag, `runs/hidden_effects` hides from 0.55 on"""
+    """change of the motions by an effect below which it is not told, in the most that a parameter
+    does which is 1 % wrong [-]: MuJoCo's default steps make 0.1 to 0.4 of lags, 0.55 is hidden"""
     unexplained: float = 20.0
     """times what noise does that a corrected plant may miss unsaid [-]; effects leave 16 at most"""
     unlearned: float = 200.0
-    """likewise where more is missing than effects [-]; sound recordings have up to 160. Not where a
-    joint's random force is larger than its usual one (`whole`)"""
+    """likewise where more is missing than effects, but no `whole` force [-]; sound ones have 160"""
     unseen: float = 1.0
     """sensitivity to a usual effect below which one of five times its size may hide [noise std]"""
 

@@ -33,7 +33,6 @@ from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal
 from mcpilco.gap.plant_model import GridForce, PlantModel
 from mcpilco.gap.posterior import lasting
 from mcpilco.gap.search import SearchResult
-from mcpilco.gap.sensitivities import linearise
 from mcpilco.gap.thresholds import SEARCH, VERDICT
 from mcpilco.plant import CATALOGUE, Axis, EffectInstance
 from tests.mcpilco.gap.pendulum import Force, Outside, dry_friction, record
@@ -78,14 +77,12 @@ def judging(nominal: PlantModel, windows: Windows, effects: list[EffectInstance]
 
 
 def test_a_window_that_runs_away_makes_no_effect_slight(
-    rubbing: tuple[PlantModel, Windows], monkeypatch: pytest.MonkeyPatch
+    rubbing: tuple[PlantModel, Windows],
 ) -> None:
     """Near an unstable rest a hundredth of a mass leads a motion anywhere."""
     nominal, windows = rubbing
     null, best = (with_effects(nominal, windows, each) for each in ([], [FRICTION]))
-    lin = linearise(best.model, windows, best.theta, best.x0)
-    lin.Jp[0] *= 1e4
-    monkeypatch.setattr(decide, "linearise", lambda *_: lin)
+    best.linearised(windows).Jp[0] *= 1e4
     assert slight_effects(best, null, windows) == []
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import envs
-from mcpilco.gap.data import GapProblem
+from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.fit import (
     Fit,
     fit_initial_states,
@@ -123,3 +123,14 @@ def test_steps_of_initial_states_tell_how_the_motion_answers(
         missed.append(misfits(model, windows, theta, x0).sum())
     assert missed[1] < 1.05 * missed[0]
     assert taken[1] < 0.8 * taken[0]
+
+
+def test_a_fit_is_linearised_once_on_the_same_windows(
+    lagging: tuple[GapProblem, Windows, Fit],
+) -> None:
+    _, windows, fit = lagging
+    lin = fit.linearised(windows)
+    assert fit.linearised(windows) is lin
+    few = windows[:3]
+    np.testing.assert_allclose(fit.at(np.arange(3)).linearised(few).Jp, lin.Jp[:3], rtol=1e-9)
+    assert replace(fit, theta=fit.theta + 0.1).linearised(windows) is not lin

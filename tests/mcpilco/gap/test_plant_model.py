@@ -58,6 +58,23 @@ def test_what_is_free_and_what_effects_are_have_no_nominal_value() -> None:
     assert nominal[4:].tolist() == [0.1]
 
 
+def test_an_effect_is_enlarged_by_what_it_changes_and_not_in_its_shape() -> None:
+    friction = EffectInstance(CATALOGUE["coulomb_friction"], "pendulum")
+    gain = EffectInstance(CATALOGUE["actuator_gain"], "actuator")
+    inertia = EffectInstance(CATALOGUE["armature"], "pendulum")
+    grown = model()
+    theta = np.where([name == "torque_gain" for name in grown.priors], -0.2, 0.0)
+    sizes = {friction: (0.1, 2e-3), gain: (0.8,), inertia: (0.02,)}
+    for instance, values in sizes.items():
+        grown, theta = grown.grown(theta, instance, values)
+    expected = {friction: (0.2, 2e-3), gain: (0.6,), inertia: (0.04,)}
+    for instance in sizes:
+        values = dict(grown.effect_values(grown.scaled(theta, instance, 2.0)[None]))
+        for each in sizes:
+            wanted = (expected if each == instance else sizes)[each]
+            np.testing.assert_allclose(values[each][0], wanted, rtol=1e-9)
+
+
 def test_a_correction_at_the_bounds_of_its_values_can_be_read_again(tmp_path: Path) -> None:
     nominal = model()
     nobody = np.zeros(nominal.nuisances)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from mcpilco.gap import posterior
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Disturbance
 from mcpilco.gap.fit import Fit, nearer
@@ -20,7 +19,7 @@ from mcpilco.plant import CATALOGUE, EffectInstance
 
 
 @pytest.fixture
-def linear(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
+def linear() -> Callable[..., tuple[np.ndarray, np.ndarray]]:
     """The estimate and its covariance, of windows whose residuals are linear in two numbers."""
 
     def solved(
@@ -28,9 +27,8 @@ def linear(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[np.ndarray, n
     ) -> tuple[np.ndarray, np.ndarray]:
         theta = np.linalg.lstsq(P.reshape(-1, 2), r.reshape(-1))[0]
         lin = SimpleNamespace(Jp=P, cleaned=lambda columns: columns, r=r - P @ theta)
-        monkeypatch.setattr(posterior, "linearise", lambda *_: lin)
         model = SimpleNamespace(precision=np.zeros(2))
-        fit: Any = SimpleNamespace(model=model, theta=theta, x0=None)
+        fit: Any = SimpleNamespace(model=model, linearised=lambda windows: lin)
         windows: Any = Many(len(r))
         return theta, covariance(fit, windows, np.zeros((*r.shape, 0)) if force is None else force)
 

@@ -12,7 +12,7 @@ import pytest
 import envs
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
-from mcpilco.gap.fit import Fit, fit_nominal, misfits
+from mcpilco.gap.fit import Fit, fit_initial_states, fit_nominal, misfits
 from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, PlantModel
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.search import (
@@ -21,6 +21,7 @@ from mcpilco.gap.search import (
     _next,
     _reconsider,
     confuse,
+    enlarged,
     grow,
     search,
     without,
@@ -118,6 +119,20 @@ def test_a_search_ends_by_the_special_cases_of_each_of_its_effects(
     tried.simplify()
     assert {*tried.best().model.effects} == {LAG, FRICTION}
     assert frozenset({DELAY, UNEVEN}) not in tried.fits
+
+
+def test_an_effect_is_enlarged_until_more_is_missed(
+    lagging: tuple[GapProblem, Windows, Fit],
+) -> None:
+    """By doubling a tenth of the friction of 0.1 N m that is there; where it is right it stays."""
+    _, windows, null = lagging
+    model, theta = null.model.grown(np.zeros(null.model.nuisances), LAG, [0.08])
+    model, theta = model.grown(theta, FRICTION, [0.01, 2e-3])
+    x0 = fit_initial_states(model, windows, theta)
+    slight = Fit(model, theta, x0, misfits(model, windows, theta, x0))
+    larger = enlarged(slight, FRICTION, windows)
+    assert dict(model.effect_values(larger.theta[None]))[FRICTION][0, 0] == pytest.approx(0.08)
+    assert enlarged(larger, FRICTION, windows) is larger
 
 
 def test_two_effects_are_told_as_the_one_that_they_make() -> None:
@@ -618,17 +633,38 @@ def test_where_a_simulation_is_dear_initial_states_of_all_windows_give_way_to_an
     """Those of the model without it may have been led astray in any window."""
     known, windows, null = lagging
     module, asked = importlib.import_module("mcpilco.gap.search"), []
-    told = module.given_way
+    told = module.improved_initial_states
 
-    def giving(model: PlantModel, *given: Any) -> tuple[np.ndarray, np.ndarray]:
-        x0, missed = told(model, *given)
-        if len(x0) == len(windows):  # not of the part to which it was fitted first
-            assert (missed <= misfits(model, *given[:3])).all()
+    def giving(model: PlantModel, some: Windows, theta: np.ndarray, *begun: Any) -> np.ndarray:
+        moved = told(model, some, theta, *begun)
+        if len(moved) == len(windows):  # not of the part to which it was fitted first
+            missed, before = (misfits(model, some, theta, x0) for x0 in (moved, begun[0]))
+            assert (missed <= before).all()
             asked.append(model.effects)
-        return x0, missed
+        return moved
 
-    monkeypatch.setattr(module, "given_way", giving)
+    monkeypatch.setattr(module, "improved_initial_states", giving)
     monkeypatch.setattr(type(known.plant), "costly", True)
     tried = Tried.begun(null, windows, [LAG])
     tried.neighbours(tried.null, known.budget.share(1.0))
     assert asked == [(LAG,)]
+
+
+def test_where_a_simulation_is_dear_motions_near_what_was_measured_are_sought_once(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Other weights change how likely they are, and not where they are."""
+    known, windows, null = lagging
+    module, asked = importlib.import_module("mcpilco.gap.search"), []
+    told = module.nearer
+    monkeypatch.setattr(module, "nearer", lambda fit, some: asked.append(fit) or told(fit, some))
+    monkeypatch.setattr(type(known.plant), "costly", True)
+    tried = Tried.begun(null, windows, [LAG])
+    tried.neighbours(tried.null, known.budget.share(1.0))
+    often = len(asked)
+    tried.weigh_by(tried.best())
+    assert {*tried.best().model.effects} == {LAG}
+    assert len(asked) == often > 1
+    for fit in tried.ranked:
+        own = tried.disturbance.evidence(fit)
+        assert tried.judged(fit).deviance == pytest.approx(own.deviance, rel=1e-3)
