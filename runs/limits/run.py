@@ -1,7 +1,7 @@
 """Limits while it learns: a cart-pole on a rail of half a metre, with a brake and without limits.
 
-python runs/limits/run.py --seeds 7100:7150              # about 80 s of a core a seed
-python runs/limits/run.py --seeds 7100:7110 --free       # beside it: without limits
+python runs/limits/run.py --seeds 7200:7250              # about 80 s of a core a seed
+python runs/limits/run.py --seeds 7200:7210 --free       # beside it: without limits
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def write_readme(out: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", default="7100:7150")
+    parser.add_argument("--seeds", default="7200:7250")
     parser.add_argument("--free", action="store_true", help="without limits")
     parser.add_argument("--trials", type=int, default=TRIALS)
     parser.add_argument("--quick", action="store_true", help="show that it works")
