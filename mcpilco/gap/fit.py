@@ -32,6 +32,7 @@ class Fit:
     by_window: PerWindow
     """the squared residuals of each, over squared noise"""
     _known: list[Any] = field(default_factory=list, init=False, repr=False, compare=False)
+    """windows, weights and kind of the last linear form, and this itself; see `linearised`"""
 
     @property
     def chi2(self) -> float:
