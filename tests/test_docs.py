@@ -205,6 +205,7 @@ def cells(kind: str) -> list[str]:
     return ["".join(cell["source"]) for cell in found if cell["cell_type"] == kind]
 
 
+@pytest.mark.slow
 def test_the_notebook_runs_up_to_the_investigation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unchecked_shapes: None
 ) -> None:

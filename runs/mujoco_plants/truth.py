@@ -76,8 +76,8 @@ MACHINES = {
     "quadruped": Machine("dm_control", "suite/quadruped.xml"),
     "panda on servos": Machine(*PANDA, servos=True, equations=True),
     "panda on motors": Machine(*PANDA, equations=True),
-    "ur5e on servos": Machine(*UR5E, servos=True),
-    "ur5e on motors": Machine(*UR5E),
+    "ur5e on servos": Machine(*UR5E, servos=True, equations=True),
+    "ur5e on motors": Machine(*UR5E, equations=True),
 }
 
 

@@ -20,10 +20,8 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    ("first", "cases"),
-    [pytest.param(0, 6), pytest.param(1000, 1000, marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("first", "cases"), [(0, 6), (1000, 1000)])
 def test_a_damaged_run_is_read_or_refused(
     source: Path, tmp_path: Path, first: int, cases: int, record_property
 ) -> None:

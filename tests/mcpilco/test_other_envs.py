@@ -245,6 +245,7 @@ def test_costs_of_steps_in_a_run_folder_are_those_of_their_rewards(begin) -> Non
     assert costs.sum() == pytest.approx(run.result(1)["real_cost"])
 
 
+@pytest.mark.slow
 def test_its_policy_is_recorded_evaluated_and_reported(begin, tmp_path: Path) -> None:
     path = begin("run", 1)
     folder = tmp_path / "records"

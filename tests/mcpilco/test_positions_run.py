@@ -59,6 +59,7 @@ class Failing(gym.Wrapper):
         return self.env.step(action)
 
 
+@pytest.mark.slow
 def test_a_resumed_run_equals_the_uninterrupted_one(whole: Path, tmp_path: Path) -> None:
     path = tmp_path / "run"
     assert main(["train", *ARGUMENTS, "--trials", "1", "--out", str(path)]) == 0

@@ -85,6 +85,7 @@ def check_readable(path: Path) -> int:
 # --- killed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "after"), [(1, True), (7, False)])
 def test_a_run_killed_between_files_ends_as_if_nothing_had_been(
     tmp_path: Path, undisturbed: Path, number: int, after: bool

@@ -97,6 +97,7 @@ def test_command_ends_with_a_table_and_the_folder(tmp_path, here, capsys):
     assert "Seeds: 3; failed: none" in (tmp_path / "table.md").read_text()
 
 
+@pytest.mark.slow
 def test_command_repeated_does_no_seed_again(tmp_path, here, capsys):
     for _ in range(2):
         assert main(["sweep", *RUN, "--out", str(tmp_path)]) == 0
@@ -136,6 +137,7 @@ def test_env_without_success_shows_its_return(tmp_path, here, capsys):
     assert trial["return"]["n"] == trial["fresh_return"]["n"] == 2
 
 
+@pytest.mark.slow
 def test_folder_holds_the_preset_and_its_cart_pole(tmp_path, here):
     argv = ["--preset", "tro2022", "--seeds", "0:1", "--trials", "1", "--fresh", "0"]
     assert main(["sweep", *argv, "--out", str(tmp_path)]) == 0

@@ -171,6 +171,7 @@ def test_beside_the_code_before_the_machine_does_not_count(
     assert ("stale" not in states()) == (code == 0)
 
 
+@pytest.mark.slow
 def test_the_digest_of_a_checkout_is_that_of_its_tables():
     table = next(table for table in TABLES if table.run == "volterra")
     assert again.digests(again.ROOT, "volterra") == [table.code.digest]

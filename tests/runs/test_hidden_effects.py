@@ -492,6 +492,7 @@ def test_the_freed_model_with_nothing_changed_moves_as_the_nominal_plant(
     np.testing.assert_allclose(moved, ours, atol=5e-5)
 
 
+@pytest.mark.slow
 @needs_toolbox
 def test_mujocos_toolbox_names_a_dry_friction_when_what_is_unsure_is_frozen(
     modules: dict[str, ModuleType], monkeypatch: pytest.MonkeyPatch

@@ -40,6 +40,7 @@ def test_a_seed_has_a_row_for_each_amount(tmp_path):
     assert all(np.isfinite(row["fresh_return"]) for row in result["trials"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("done", "saved"), [(1, True), (2, False)])
 def test_a_seed_that_was_stopped_ends_as_if_it_never_was(tmp_path, monkeypatch, done, saved):
     whole = CurveJob(SETTINGS, 3, tmp_path / "whole")()

@@ -276,6 +276,7 @@ FUNCTIONS = {
 }
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("name", FUNCTIONS)
 @pytest.mark.parametrize(("scale", "rank"), [(0.1, 3), (0.8, 3), (0.8, 1)])
 def test_moments_of_sines_agree_with_samples(name, scale, rank):

@@ -185,6 +185,7 @@ def arrays_of(agent) -> dict[str, np.ndarray]:
     return policy_arrays(agent.policy, agent.task, agent.estimator)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not compilers(), reason="no C compiler")
 def test_the_oldest_step_of_a_late_actuator_gives_way_in_c_too(agents, tmp_path: Path) -> None:
     arrays = arrays_of(agents("late")) | {"delay.recent": np.array(3)}

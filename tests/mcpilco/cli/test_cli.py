@@ -578,6 +578,7 @@ def program(*argv: str, **kwargs) -> subprocess.CompletedProcess:
     return subprocess.run(command, capture_output=True, text=True, timeout=120, **kwargs)
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("command", [[], ["train"], ["evaluate"], ["view"], ["report"], ["doctor"]])
 def test_help_imports_nothing_slow(command):
     code = (

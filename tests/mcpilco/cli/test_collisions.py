@@ -77,6 +77,7 @@ def test_thresholds_come_from_the_ends_of_recordings_where_no_others_are_given(h
     assert held / (learned + held) == pytest.approx(0.3, abs=0.01)
 
 
+@pytest.mark.slow
 def test_equal_recordings_give_equal_models(home):
     for name in ("first.npz", "again.npz"):
         assert learn(home, "--kind", "PP", out=name) == 0

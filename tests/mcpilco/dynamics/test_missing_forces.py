@@ -107,6 +107,7 @@ def test_a_sample_of_the_forces_is_kept_and_agrees_with_the_data(task):
     assert spread([0.0, 0.0, 0.3, 25.0], 40.0).max() > 2 * here.max()
 
 
+@pytest.mark.slow
 def test_what_was_found_is_read_back(task):
     rows = simulated(task, noise=NOISE)
     model = model_of(task, uncertainty=0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -91,6 +92,7 @@ def test_recordings_are_parted_whole_where_each_part_has_enough_of_them(
     assert len(decisive) + len(reported) == len(windows)
 
 
+@pytest.mark.slow
 def test_windows_of_a_machine_that_hits_the_ground_begin_at_their_readings() -> None:
     """Through an impact no cubic goes; from the readings the plant stays near."""
     problem = hopping(HOPPER, HOPPER)

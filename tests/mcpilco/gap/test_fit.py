@@ -107,6 +107,7 @@ def test_a_linear_form_that_is_kept_leads_to_the_same_fit(monkeypatch) -> None:
     assert fewer < steps
 
 
+@pytest.mark.slow
 def test_steps_of_initial_states_tell_how_the_motion_answers(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -77,6 +77,7 @@ def test_noise_that_is_known_stays(airborne: GapProblem) -> None:
     assert airborne.std[x] < 0.3
 
 
+@pytest.mark.slow
 def test_recordings_without_noise_keep_some() -> None:
     """Of a simulation by the same timesteps nothing is left over."""
     problem = problem_of(HOPPER, recorded(plant_of_text(HOPPER), noise=0.0))

@@ -326,6 +326,7 @@ def test_where_the_commands_went_out_otherwise_the_search_begins_with_what_was_f
     assert then == result.fits[: len(then)] != []
 
 
+@pytest.mark.slow
 def test_the_search_after_pushes_begins_without_windows_that_hold_an_event(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

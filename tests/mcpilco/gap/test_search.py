@@ -177,6 +177,7 @@ def test_a_motor_under_a_voltage_may_as_well_be_a_friction_and_a_lag() -> None:
     assert not any(FRICTION in effects for effects in tried.fits)
 
 
+@pytest.mark.slow
 def test_one_effect_of_masses_is_tried_in_the_place_of_several_that_imitate_it() -> None:
     """From the nominal masses: without the several a fit bends these to do the same."""
     center, inertia, mass = (

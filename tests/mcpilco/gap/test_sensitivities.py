@@ -90,6 +90,7 @@ def test_columns_of_what_a_prior_holds_are_taken_over_where_the_others_are_made_
     assert (whole.Jp[..., free] != near.Jp[..., free]).any()
 
 
+@pytest.mark.slow
 def test_motions_are_compared_in_timesteps_that_do_less_than_the_noise() -> None:
     coarse = hopping(HOPPER.replace('timestep="0.005"', 'timestep="0.02"'), HOPPER)
     assert coarse.finer > 1

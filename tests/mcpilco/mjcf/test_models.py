@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mcpilco.mjcf.models import load_mjcf, plant_of
+from mcpilco.config import TURN_OVER
+from mcpilco.mjcf.models import creep, load_mjcf, plant_of
 from mcpilco.mjcf.mujoco.read import mujoco_plant
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.plant import EffectInstance
@@ -221,6 +222,24 @@ def test_dry_friction_slows_down_as_in_mujoco(plant_from):
     expected = stepped(text, start, inputs, 0.02, 1e-3, "EULER")
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-4)
     assert found[-1, 1] < 0.98
+
+
+@pytest.mark.parametrize("solver", ["", 'solreffriction="0.05 1"', 'solreffriction="-900 -60"'])
+def test_a_joint_creeps_under_half_of_its_dry_friction_as_in_mujoco(plant_from, solver):
+    """It moves little, so that its friction is soft."""
+    text = SIMPLE.format(
+        option='<option gravity="0 0 0"/>',
+        joint=f'<joint name="j" type="slide" axis="1 0 0" frictionloss="0.5" {solver}/>',
+        more="",
+        actuator=MOTOR,
+    ).replace('size=".1"', 'size=".1" mass="0.005"')
+    model = mujoco.MjModel.from_xml_string(text)
+    assert creep(model, 0) > 10.0 * TURN_OVER
+    inputs = np.full((50, 1), 0.25)
+    found = plant_from(text).simulate(np.zeros((1, 4)), inputs[None], 0.02)[0]
+    expected = stepped(text, np.zeros(4), inputs, 0.02, 1e-4, "EULER")
+    assert expected[-1, 1] == pytest.approx(0.5 * creep(model, 0), rel=1e-3)
+    assert found[-1, 1] == pytest.approx(expected[-1, 1], rel=0.11)  # tanh(0.55) is a half
 
 
 @pytest.mark.parametrize("effect", ["body_mass", "center_of_mass"])

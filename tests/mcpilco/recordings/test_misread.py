@@ -211,6 +211,7 @@ def test_another_gain_is_no_suspicion(machine: str, gain: float) -> None:
 MASSES = {"pendulum": ("mass", "friction"), "cart_pole": ("pole_mass", "cart_mass")}
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("factor", [0.6, 1.4])
 @pytest.mark.parametrize("machine", list(PLANTS))
 def test_another_mass_is_no_suspicion(machine: str, factor: float) -> None:
@@ -227,13 +228,14 @@ def test_a_sensor_that_reads_too_much_is_no_suspicion(scale: float) -> None:
         assert not misreadings(PLANTS[machine], wrong)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("force", "how"),
     [
         pytest.param(rods.dry_friction(0.4), {}, id="friction"),
-        pytest.param(lambda q, v: -2.0 * q, {}, id="spring", marks=pytest.mark.slow),
-        pytest.param(lambda q, v: 0.5, {}, id="offset", marks=pytest.mark.slow),
-        pytest.param(lambda q, v: 0.0, {"delay": 0.2}, id="delay", marks=pytest.mark.slow),
+        pytest.param(lambda q, v: -2.0 * q, {}, id="spring"),
+        pytest.param(lambda q, v: 0.5, {}, id="offset"),
+        pytest.param(lambda q, v: 0.0, {"delay": 0.2}, id="delay"),
     ],
 )
 def test_strong_effects_are_no_suspicion(force: rods.Force, how: dict[str, float]) -> None:

@@ -22,6 +22,7 @@ def ratios(states: np.ndarray, forces: np.ndarray, scale: float = 1.0, step: flo
     return np.array(found)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("scale", [1.0, 3.0, 10.0])
 @pytest.mark.parametrize("hold", [1, 5, 25])
 def test_noise_of_a_position_is_found_within_five_percent(hold: int, scale: float) -> None:

@@ -67,6 +67,7 @@ def test_states_stay_where_a_model_leads_away_from_the_measurements(
         np.testing.assert_array_equal(refinement.refined(task, None, *given), states)
 
 
+@pytest.mark.slow
 def test_a_model_that_knows_the_forces_brings_velocities_nearer_to_the_true_ones() -> None:
     agent = learned(trials=3, refinements=0)
     records = [result.rollout for result in agent.results]

@@ -78,6 +78,7 @@ def test_command_prints_how_each_run_ends(two, tmp_path, capsys):
     assert printed.splitlines()[-1] == f"Tables: {tmp_path / 'out' / 'comparison.md'}"
 
 
+@pytest.mark.slow
 def test_command_leaves_out_what_it_cannot_compare_and_says_so(two, tmp_path, capsys):
     paths = [str(tmp_path / "absent"), *map(str, two)]
     assert main(["compare", *paths, "--out", str(tmp_path / "out")]) == 1

@@ -270,6 +270,7 @@ except KeyboardInterrupt:  # where it comes before the wait
 """
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.xdist_group("viewer")  # two at a time may find the same port free
 @pytest.mark.parametrize("kind", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_the_viewer_ends_with_the_command(recording: Path, kind: signal.Signals) -> None:

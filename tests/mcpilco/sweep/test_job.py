@@ -73,6 +73,7 @@ def test_judging_is_over_before_a_trials_clock_starts_and_begins_after_it_stops(
     assert order == ["start", "judge", "start", "judge"]
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_results_and_others_do_not():
     assert rows(SWINGS, 1) == rows(SWINGS, 1)
     assert rows(SWINGS, 1) != rows(SWINGS, 2)

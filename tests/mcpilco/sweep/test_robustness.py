@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from envs.plants import pendulum
 from mcpilco.plant import CATALOGUE, EffectInstance
@@ -17,6 +18,7 @@ def held_up(observations):
     return 8.0 * (np.pi - angle) - 1.5 * velocity
 
 
+@pytest.mark.slow
 def test_success_falls_where_a_number_matters_and_nowhere_else():
     stiff = pendulum().having([(EffectInstance(CATALOGUE["spring"], "pendulum"), (0.05,))])
     found = directions(stiff, ENV, LIMIT, lambda: held_up, STEPS, seed=0, episodes=4)

@@ -189,6 +189,7 @@ def test_leaps_arrive_where_plain_iterations_creep():
     assert fit.bounds[-1] > plain[-1] + 5.0
 
 
+@pytest.mark.slow
 def test_of_several_starts_the_greatest_bound_is_taken():
     moments = Moments.of(*noisy_inputs(np.random.default_rng(1), 300, 12, 1.0)[:2])
     one_by_one = [

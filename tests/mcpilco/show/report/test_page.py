@@ -189,6 +189,7 @@ def test_damaged_file_is_named_among_what_went_wrong(undrawn, run, name) -> None
     assert name in page.text
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*:RuntimeWarning")
 def test_rollout_that_exploded_is_told_all_the_same(run) -> None:
     for name in ("particles", "rollout"):
