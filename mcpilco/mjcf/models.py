@@ -30,6 +30,7 @@ from mcpilco.plant import (
     Layout,
     Parameter,
     Servo,
+    SoftFriction,
 )
 from mcpilco.typing import InputError
 
@@ -400,7 +401,8 @@ def _nominal(
             has("viscous_friction", joint, f"{joint}_damping")
         if dry > 0.0:
             parameters.append(Parameter(f"{joint}_friction", dry, force))
-            has("coulomb_friction", joint, f"{joint}_friction", max(creep(model, dof), TURN_OVER))
+            v_r = max(creep(model, dof), TURN_OVER)
+            base.append(Base(EffectInstance(SoftFriction(), joint), (f"{joint}_friction", v_r)))
         stiffness = float(model.jnt_stiffness[j])
         if stiffness > 0.0:
             rest = float(model.qpos_spring[model.jnt_qposadr[j]])
@@ -433,10 +435,9 @@ def _nominal(
 
 
 def creep(model: mujoco.MjModel, dof: int) -> float:
-    """Speed over which MuJoCo's own dry friction in a joint turns over [m/s or rad/s].
+    """Speed up to which MuJoCo's own dry friction in a joint is soft [m/s or rad/s].
 
-    It is soft: under a part of the force that lets go, a joint at rest creeps with this part of the
-    speed f R / b, by the regularisation R and the damping b of its constraint. Where little moves
+    Under a part of the force f that lets go, a joint at rest creeps with this part of f R / b, by the regularisation R and the damping b of its constraint. Where little moves
     with the joint that is much: 0.08 rad/s in a UR5e's last one, at 0.01 N m.
 
     Reference: MuJoCo documentation, Computation, "Solver parameters", with r = 0 and at rest.

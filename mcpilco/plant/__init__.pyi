@@ -41,6 +41,7 @@ from .effects.joint import (
     CoulombFriction,
     DryFriction,
     JointForce,
+    SoftFriction,
     Spring,
     ViscousFriction,
 )
@@ -151,6 +152,7 @@ __all__ = [
     "Rows",
     "Scale",
     "Servo",
+    "SoftFriction",
     "Spread",
     "Spring",
     "Symbol",

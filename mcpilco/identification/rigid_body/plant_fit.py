@@ -24,6 +24,7 @@ from mcpilco.identification.rigid_body.body import RigidBody
 from mcpilco.identification.rigid_body.identified import Identified
 from mcpilco.plant import (
     CATALOGUE,
+    Base,
     ChainPlant,
     Correction,
     EffectInstance,
@@ -106,9 +107,15 @@ def _values(plant: ChainPlant, joint: str, term: str) -> Iterator[float]:
     if term == "armature":
         yield next(link.armature for link in plant.chain.bodies if link.joint == joint)
     for base in plant.base:
-        if (base.active.effect.name, base.active.target) == (EFFECTS[term], joint):
+        if _is(base, term, joint):
             first = base.values[0]
             yield plant.values[first] if isinstance(first, str) else first
+
+
+def _is(base: Base, term: str, joint: str) -> bool:
+    """Whether an effect that belongs to a plant is a term at a joint."""
+    kind = type(CATALOGUE[EFFECTS[term]])
+    return isinstance(base.active.effect, kind) and base.active.target == joint
 
 
 def _lacking(
@@ -117,8 +124,7 @@ def _lacking(
     """The terms that were found at joints where the plant has none."""
     for joint, term, value in _terms(found):
         effect = CATALOGUE[EFFECTS[term]]
-        there = any(base.active == EffectInstance(effect, joint) for base in plant.base)
-        if value != 0.0 and not there:
+        if value != 0.0 and not any(_is(base, term, joint) for base in plant.base):
             more = [float(symbol.neutral) for symbol in effect.symbols[1:]]
             yield EffectInstance(effect, joint), (value, *more)
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.config import TURN_OVER
-from mcpilco.plant.arithmetic import Tape, cos, exp, sin, tanh
+from mcpilco.plant.arithmetic import Tape, cos, exp, larger, sin, smaller, tanh
 from mcpilco.plant.effects.base import MOST, Effect, Probe, Scale, Symbol, sizes
 from mcpilco.plant.simulation.layout import CONSTANTS, Layout, Tables
 from mcpilco.typing import InputError
@@ -133,6 +133,16 @@ class CoulombFriction(DryFriction):
 
     def probes(self, scale: Scale) -> list[Probe]:
         return [sizes(SMALL * scale.force, TURN.neutral)]
+
+
+class SoftFriction(CoulombFriction):
+    """As MuJoCo's, which sticks as a damper does: -f_c v / v_r up to v_r. Known, as `Servo`."""
+
+    name = "soft_friction"
+
+    @staticmethod
+    def force(q, v, f_c, v_r):
+        return -f_c * smaller(larger(v / v_r, -1.0), 1.0)
 
 
 class StribeckFriction(DryFriction):

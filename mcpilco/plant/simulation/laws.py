@@ -17,14 +17,17 @@ from mcpilco.bodies import INLINED, INNER, lane, lanes_of, with_lane
 from mcpilco.plant import arithmetic
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.effects.actuator import ActuatorLag, ActuatorRateLimit, serving, shaping
-from mcpilco.plant.effects.joint import JointForce
+from mcpilco.plant.effects.joint import JointForce, SoftFriction
 from mcpilco.plant.effects.memory import Moment, RememberingForce
 from mcpilco.plant.simulation.layout import CONSTANTS
 from mcpilco.typing import InputError
 
-_CATALOGUE = tuple(effect for effect in CATALOGUE.values() if isinstance(effect, JointForce))
+_BUILT_IN = (
+    *(effect for effect in CATALOGUE.values() if isinstance(effect, JointForce)),
+    SoftFriction(),
+)
 """forces that are compiled into the loops; the code of each is its place here"""
-_REMEMBERING = tuple(k for k, each in enumerate(_CATALOGUE) if isinstance(each, RememberingForce))
+_REMEMBERING = tuple(k for k, each in enumerate(_BUILT_IN) if isinstance(each, RememberingForce))
 _OTHERS = {}
 """class of a user's force -> its code, which is the address of its compiled formula"""
 _COMPILED = {}
@@ -64,7 +67,7 @@ def code_of(effect: JointForce) -> int:
         InputError: numba cannot compile its formula.
     """
     kind = type(effect)
-    for code, known in enumerate(_CATALOGUE):
+    for code, known in enumerate(_BUILT_IN):
         if kind is type(known):
             return code
     if kind not in _OTHERS:
@@ -91,10 +94,10 @@ def force_of(code: int) -> JointForce:
     Raises:
         InputError: there is no such law.
     """
-    if 0 <= code < len(_CATALOGUE):
-        return _CATALOGUE[code]
+    if 0 <= code < len(_BUILT_IN):
+        return _BUILT_IN[code]
     if code not in _COMPILED:
-        names = ", ".join(effect.name for effect in _CATALOGUE)
+        names = ", ".join(effect.name for effect in _BUILT_IN)
         raise InputError(f"there is no law {code} of a joint; 0, 1, ... are {names}.")
     return _COMPILED[code][0]
 
@@ -168,7 +171,7 @@ def _dispatcher(method, given, otherwise, kind=JointForce, how=INLINED):
     """
     scope = {"called": _called}
     lines = [f"def {method}(law, {', '.join(given)}, a, b, c, d):"]
-    for k, effect in enumerate(_CATALOGUE):
+    for k, effect in enumerate(_BUILT_IN):
         if not isinstance(effect, kind):
             continue
         n, remembers = len(effect.symbols), isinstance(effect, RememberingForce)

@@ -239,7 +239,7 @@ def test_a_joint_creeps_under_half_of_its_dry_friction_as_in_mujoco(plant_from, 
     found = plant_from(text).simulate(np.zeros((1, 4)), inputs[None], 0.02)[0]
     expected = stepped(text, np.zeros(4), inputs, 0.02, 1e-4, "EULER")
     assert expected[-1, 1] == pytest.approx(0.5 * creep(model, 0), rel=1e-3)
-    assert found[-1, 1] == pytest.approx(expected[-1, 1], rel=0.11)  # tanh(0.55) is a half
+    assert found[-1, 1] == pytest.approx(expected[-1, 1], rel=1e-3)
 
 
 @pytest.mark.parametrize("effect", ["body_mass", "center_of_mass"])
