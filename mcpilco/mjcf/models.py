@@ -437,8 +437,9 @@ def _nominal(
 def creep(model: mujoco.MjModel, dof: int) -> float:
     """Speed up to which MuJoCo's own dry friction in a joint is soft [m/s or rad/s].
 
-    Under a part of the force f that lets go, a joint at rest creeps with this part of f R / b, by the regularisation R and the damping b of its constraint. Where little moves
-    with the joint that is much: 0.08 rad/s in a UR5e's last one, at 0.01 N m.
+    Under a part of the force f that lets go a joint at rest creeps with this part of f R / b, by
+    the regularisation R and the damping b of its constraint. Where little moves with the joint that
+    is much: 0.08 rad/s in a UR5e's last one, at 0.01 N m.
 
     Reference: MuJoCo documentation, Computation, "Solver parameters", with r = 0 and at rest.
     """
