@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -88,12 +90,20 @@ def strange(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.fixture
-def trained(tmp_path, fake, capsys):
-    path = tmp_path / "run"
-    assert main(["train", *RUN, "--out", str(path)]) == 0
-    capsys.readouterr()
+@pytest.fixture(scope="module")
+def once(tmp_path_factory):
+    """The run of an agent that learns nothing."""
+    path = tmp_path_factory.mktemp("once") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mcpilco.agent.agent, "MCPILCO", FakeAgent)
+        assert main(["train", *RUN, "--out", str(path)]) == 0
     return path
+
+
+@pytest.fixture
+def trained(once, tmp_path, fake):
+    """A copy of it, to be damaged and continued."""
+    return Path(shutil.copytree(once, tmp_path / "run"))
 
 
 def refused(capsys, *argv: str) -> str:

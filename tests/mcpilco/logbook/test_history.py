@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,18 +19,25 @@ gym = pytest.importorskip("gymnasium")
 STEPS = 5
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def agent():
     import envs  # noqa: F401
 
     return FakeAgent("SumOfGaussians", gym.make(CONFIG["env"], max_episode_steps=STEPS))
 
 
-@pytest.fixture
-def run(tmp_path, agent):
-    run = RunFolder.create(tmp_path / "run", CONFIG)
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory, agent):
+    """The folder of what it did."""
+    run = RunFolder.create(tmp_path_factory.mktemp("history") / "run", CONFIG)
     agent.learn(3 * STEPS, Recorder(run))
-    return run
+    return run.path
+
+
+@pytest.fixture
+def run(recorded, tmp_path):
+    """A copy of it, to be damaged."""
+    return RunFolder.open(Path(shutil.copytree(recorded, tmp_path / "run")))
 
 
 def test_what_was_recorded_is_read_back(run, agent):
