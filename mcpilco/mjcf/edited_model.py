@@ -30,6 +30,10 @@ FILTERED = "the command is filtered before it reaches the model"
 """why a model that MuJoCo simulates takes no lag and no delay"""
 
 
+DAMPING_TIME = "damping_time"
+"""how the name of the parameter ends that is gear times kv over kp of a position servo [s]"""
+
+
 class EditedModel(ABC):
     """A model that effects are written into, one after another."""
 
@@ -93,6 +97,9 @@ class EditedModel(ABC):
         owner, _, what = name.rpartition("_")
         if name == "gravity":
             self.option.gravity = np.asarray(self.option.gravity) * value / self._strength
+        elif name.endswith(DAMPING_TIME):
+            element = self.actuator(self._named(name.removesuffix(f"_{DAMPING_TIME}")))
+            element.biasprm[2] = -value * element.gainprm[0] / element.gear[0]
         elif what == "mass":
             self.inertials.scale_to(owner, value)
         elif what == "damping":
@@ -100,8 +107,12 @@ class EditedModel(ABC):
         elif what == "friction":
             self.joint(owner).frictionloss = value
         else:
-            actuator = self._layout.actuator(self._layout.inputs.index(owner))
+            actuator = self._named(owner)
             self.multiply_gain(actuator, value / self.gain(actuator))
+
+    def _named(self, command: str) -> str:
+        """The actuator of an input."""
+        return self._layout.actuator(self._layout.inputs.index(command))
 
     def finish(self) -> None:
         """Writes what several effects share."""

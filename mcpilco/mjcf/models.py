@@ -20,6 +20,7 @@ import numpy as np
 
 from mcpilco.bodies import HINGE, SLIDE, Body, Chain, Matrix, Vector
 from mcpilco.config import TURN_OVER
+from mcpilco.mjcf.edited_model import DAMPING_TIME
 from mcpilco.mjcf.inertials import matrix_of
 from mcpilco.plant import (
     CATALOGUE,
@@ -141,8 +142,8 @@ def plant_of(path: str | Path) -> ChainPlant:
     """The plant of an MJCF file: an open chain of hinges and slides that motors or servos move.
 
     Columns of its recordings are `<joint>_position`, `<joint>_velocity` and `<actuator>`. Its
-    parameters are `<body>_mass`, `<joint>_damping`, `<joint>_friction`, `<actuator>_gain` and
-    `gravity`.
+    parameters are `<body>_mass`, `<joint>_damping`, `<joint>_friction`, `<actuator>_gain`,
+    `<actuator>_damping_time` (of a position servo: kv over kp, times gear) and `gravity`.
 
     Raises:
         InputError: the file is missing or no MJCF, or holds what such a chain cannot say: loops,
@@ -420,8 +421,11 @@ def _nominal(
         if target in layout.servos:
             gear, (b_0, b_1, b_2) = model.actuator_gear[u, 0], model.actuator_biasprm[u, :3]
             feedback = (-gear * gear * b_1, -gear * gear * b_2, gear * b_0)
-            known = tuple(float(number / gain) for number in feedback)
-            base.append(Base(EffectInstance(Servo(), target), known))
+            k, d, b_0 = (float(number / gain) for number in feedback)
+            time, follows = f"{name}_{DAMPING_TIME}", bool(k and d)
+            if follows:  # a position; the damping of a velocity servo is its gain
+                parameters.append(Parameter(time, d, "s", low=-np.inf))
+            base.append(Base(EffectInstance(Servo(), target), (k, time if follows else d, b_0)))
         if model.actuator_forcelimited[u]:
             most = float(np.abs(model.actuator_gear[u, 0]) * model.actuator_forcerange[u, 1])
             has("actuator_saturation", target, most)

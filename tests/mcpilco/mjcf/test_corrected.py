@@ -162,6 +162,17 @@ def test_both_forms_of_a_parameter_move_alike(robot, tmp_path, parameters):
     assert apart(robot, fix, robot, pushes()) > 2e-2
 
 
+def test_both_forms_of_a_servos_damping_move_alike(tmp_path):
+    source, path = tmp_path / "robot.xml", tmp_path / "corrected.xml"
+    motor = '<motor name="bend" joint="elbow" gear="0.5"/>'
+    servo = '<position name="bend" joint="elbow" gear="0.5" kp="4" kv="0.2"/>'
+    source.write_text(ROBOT.replace(motor, servo))
+    fix = correction(bend_damping_time=0.06, bend_gain=3.0)
+    assert write_corrected_mjcf(source, fix, path) == []
+    assert apart(source, fix, path, pushes()) < 2e-4
+    assert apart(source, fix, source, pushes()) > 2e-2
+
+
 def test_range_of_force_stays_when_the_gain_changes(tmp_path):
     source, path = tmp_path / "robot.xml", tmp_path / "corrected.xml"
     source.write_text(ROBOT.replace('gear="0.5"', 'gear="0.5" forcerange="-0.4 0.4"'))

@@ -149,6 +149,18 @@ def test_an_arm_on_servos_moves_as_mujoco_steps_it(plant_from):
     assert np.abs(forces[:, 0]).max() == pytest.approx(1.2 * 2.0)  # its gear times the limit
 
 
+def test_the_damping_of_a_position_servo_is_a_parameter(plant_from):
+    """That of a velocity servo is its gain."""
+    text = ARM[: ARM.index("<actuator>")] + SERVOS
+    plant, inputs = plant_from(text), commands(50)[None]
+    times = {name: p for name, p in plant.values.items() if name.endswith("damping_time")}
+    assert times == pytest.approx({"yaw_servo_damping_time": 0.3, "reach_servo_damping_time": 0.1})
+    found = plant.where(yaw_servo_damping_time=0.45).simulate(START[None], inputs, 0.02)
+    expected = plant_from(text.replace('kv="0.3"', 'kv="0.45"')).simulate(START[None], inputs, 0.02)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)
+    assert np.abs(found - plant.simulate(START[None], inputs, 0.02)).max() > 1e-2
+
+
 @pytest.mark.parametrize("effect", [("actuator_gain", [0.7]), ("actuator_saturation", [1.0])])
 def test_both_kinds_of_plant_have_the_same_effects_of_servos(plant_from, effect):
     text = ARM[: ARM.index("<actuator>")] + SERVOS
