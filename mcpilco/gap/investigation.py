@@ -131,7 +131,8 @@ def investigate(
 
     missed = spans_of(masked, recordings)
     events, final = (*pushes, *missed), best
-    decisive, reported = _held_out(problem)
+    kept = problem.windows(problem.held_out, every=DATA.held_out_every_s)  # that no fit has seen
+    decisive, reported = apart(kept) if problem.names[1] else (kept, kept)
     clear = _clear(decisive, problem, events, best)
     unknown = place is not None or leaves_something(judged) or mispredicts(judged, clear)
     unknown = unknown or foreseen(missed, problem, best)
@@ -214,12 +215,6 @@ def _too_poor(
         suspicions=doubts,
         remarks=remarks,
     )
-
-
-def _held_out(problem: GapProblem) -> tuple[Windows, Windows]:
-    """Held-out windows that decide, and those on which errors are told; the same where few."""
-    windows = problem.windows(problem.held_out, every=DATA.held_out_every_s)
-    return apart(windows) if problem.names[1] else (windows, windows)
 
 
 def _clear(windows: Windows, problem: GapProblem, events: Sequence[Event], fit: Fit) -> Windows:

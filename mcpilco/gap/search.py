@@ -30,6 +30,7 @@ from mcpilco.gap.fit import (
     misfits,
     nearer,
     on_windows,
+    refit,
     weighed_anew,
 )
 from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, InitialStates, PlantModel, Theta
@@ -414,13 +415,24 @@ def search(
         scores = _improve(tried.following(short.ranked[: SEARCH.hints]), share) or scores
     if share.used_up:
         scores = _reconsider(tried, model.budget.share(BUDGET.search)) or scores
-    if not model.plant.costly:
-        confuse(tried)
+    (finish if model.plant.costly else confuse)(tried)
     best = tried.best()
     ranked = [(fit, tried.bic(fit)) for fit in tried.ranked if math.isfinite(tried.bic(fit))]
-    ranked.sort(key=lambda pair: pair[0] is not best)
-    told = tuple(ranked), tuple(scores), tried.windows, tried.judged(best)
-    return SearchResult(best, tried.null, *told)
+    told = tuple(sorted(ranked, key=lambda pair: pair[0] is not best)), tuple(scores)
+    return SearchResult(best, tried.null, *told, tried.windows, tried.judged(best))
+
+
+def finish(tried: Tried) -> None:
+    """Fits to the end what explains half as much as the best model, with as many effects.
+
+    Where a simulation is dear fits end soon: a lag is preferred to a delay that has some way to go.
+    """
+    null, best = tried.bic(tried.null), tried.best()
+    enough = SEARCH.as_much * (null - tried.bic(best))
+    rivals = [fit for fit in tried.ranked if len(fit.model.effects) == len(best.model.effects)]
+    for fit in rivals[: SEARCH.refined]:
+        if null - tried.bic(fit) >= enough:
+            tried.keep(refit(fit, tried.windows))
 
 
 def confuse(tried: Tried) -> None:

@@ -74,15 +74,6 @@ def start_nudges(X: int) -> Float[np.ndarray, " X"]:
     return np.tile(START_STEPS, X // 2)
 
 
-def _lost(windows: Windows, y: Float[np.ndarray, "S W X T"]) -> Bool[np.ndarray, "W n"]:
-    """Samples that one of some simulations did not reach.
-
-    A large residual is none: behind a fine encoder a wrong model is thousands of noise std away.
-    """
-    lost = (~np.isfinite(y) & windows.measured).any(axis=0)
-    return lost.reshape(len(lost), -1)
-
-
 @dataclass(frozen=True)
 class Linearised:
     """A model at theta and initial states: its residuals and how they change.
@@ -170,7 +161,8 @@ def linearise(
     before = r[1 + X : S] if sides == 2 else r[0]
     Jx = (before - r[1 : 1 + X]) / (sides * nudges)[:, None, None]
     Jp = (r[S + p :] - r[S : S + p]) / spans[:, None, None]
-    lost = _lost(windows, y)
+    # not where residuals are large: behind a fine encoder they are thousands of noise std
+    lost = (~np.isfinite(y) & windows.measured).any(axis=0).reshape(len(x0), -1)
     Jx[:, lost], Jp[:, lost] = 0.0, 0.0
     columns = Jp.transpose(1, 2, 0)
     if over_theta and model.learned:

@@ -22,6 +22,7 @@ from mcpilco.gap.search import (
     _reconsider,
     confuse,
     enlarged,
+    finish,
     grow,
     search,
     without,
@@ -649,6 +650,27 @@ def test_where_a_simulation_is_dear_initial_states_of_all_windows_give_way_to_an
     tried = Tried.begun(null, windows, [LAG])
     tried.neighbours(tried.null, known.budget.share(1.0))
     assert asked == [(LAG,)]
+
+
+def test_what_explains_half_as_much_as_the_best_model_is_fitted_to_its_end(
+    lagging: tuple[GapProblem, Windows, Fit],
+) -> None:
+    """Where a simulation is dear fits end soon: of a lag and a delay the one that got further."""
+    _, windows, null = lagging
+    tried = Tried.begun(null, windows, [DELAY, LAG, OFFSET])
+    ends, cut = {}, {}
+    for effect, value, part in ((DELAY, 0.06, 1.0), (LAG, 0.06, 0.4), (OFFSET, 0.01, 0.5)):
+        model, theta = null.model.grown(null.theta, effect, [value])
+        ends[effect] = end = fitted(model, tried.windows, theta)
+        model, theta = null.model.grown(null.theta, effect, [part * end.theta[-1]])
+        x0 = fit_initial_states(model, tried.windows, theta)
+        soon = Fit(model, theta, x0, misfits(model, tried.windows, theta, x0))
+        cut[effect] = tried.keep(soon)
+    assert {*tried.best().model.effects} == {DELAY}
+    assert cut[LAG].chi2 > ends[LAG].chi2 + 10.0
+    finish(tried)
+    assert tried.fits[frozenset({LAG})].chi2 < ends[LAG].chi2 + 1.0
+    assert tried.fits[frozenset({OFFSET})] is cut[OFFSET]
 
 
 def test_where_a_simulation_is_dear_motions_near_what_was_measured_are_sought_once(
