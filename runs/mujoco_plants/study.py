@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 from truth import FINER, HELD_S, MACHINES, Effects, Machine, drive
 
-from mcpilco.gap import investigate
+from mcpilco.gap import Gap, investigate
 from mcpilco.mjcf import MujocoPlant, mujoco_plant, plant_of_model
 from mcpilco.plant import Plant
 from mcpilco.recordings import Recording
@@ -279,23 +279,32 @@ def tried(seed: int) -> dict[str, Any]:
     logger.setLevel(logging.INFO)
     logger.propagate = False
     try:
-        gap = investigate(plant, recordings)
+        answer = _answer(investigate(plant, recordings))
+    except InputError as error:  # the recordings look wrong to it
+        answer = {"verdict": "refused", "found": [], "closest": [], "said": str(error)}
     finally:
         logger.removeHandler(told)
-    shown = gap.named or (gap.closest.effects if gap.closest else ())
     return {
         "seed": seed,
         "machine": hidden.machine,
         "truth": [hidden.effect, hidden.target, hidden.value],
+        **answer,
+        "stages_cpu_s": stages,
+        "wall_s": time.perf_counter() - begun[0],
+        "cpu_s": time.process_time() - begun[1],
+        "place": machine(),
+    }
+
+
+def _answer(gap: Gap) -> dict[str, Any]:
+    """What is told of an investigation."""
+    shown = gap.named or (gap.closest.effects if gap.closest else ())
+    return {
         "verdict": gap.verdict,
         "found": [_told(each) for each in gap.named],
         "closest": [] if gap.named else [_told(each) for each in shown],
         "left": {f.joint: f.usual for f in gap.left},
         "closed": gap.comparison.closed.value if gap.comparison else None,
-        "stages_cpu_s": stages,
-        "wall_s": time.perf_counter() - begun[0],
-        "cpu_s": time.process_time() - begun[1],
-        "place": machine(),
     }
 
 
