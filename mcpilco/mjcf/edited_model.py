@@ -28,8 +28,6 @@ SUDDEN = (1e-4, 1.0)
 least that MuJoCo takes [s, -]"""
 FILTERED = "the command is filtered before it reaches the model"
 """why a model that MuJoCo simulates takes no lag and no delay"""
-
-
 DAMPING_TIME = "damping_time"
 """how the name of the parameter ends that is gear times kv over kp of a position servo [s]"""
 

@@ -297,7 +297,7 @@ def tried(seed: int) -> dict[str, Any]:
 
 
 def _answer(gap: Gap) -> dict[str, Any]:
-    """What is told of an investigation."""
+    """The verdict of an investigation, its effects, and what they leave over."""
     shown = gap.named or (gap.closest.effects if gap.closest else ())
     return {
         "verdict": gap.verdict,

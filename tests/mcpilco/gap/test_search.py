@@ -12,7 +12,7 @@ import pytest
 import envs
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
-from mcpilco.gap.fit import Fit, fit_initial_states, fit_nominal, misfits
+from mcpilco.gap.fit import Fit, fit_initial_states, fit_nominal, misfits, on_windows
 from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, PlantModel
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.search import (
@@ -663,8 +663,7 @@ def test_what_explains_half_as_much_as_the_best_model_is_fitted_to_its_end(
         model, theta = null.model.grown(null.theta, effect, [value])
         ends[effect] = end = fitted(model, tried.windows, theta)
         model, theta = null.model.grown(null.theta, effect, [part * end.theta[-1]])
-        x0 = fit_initial_states(model, tried.windows, theta)
-        soon = Fit(model, theta, x0, misfits(model, tried.windows, theta, x0))
+        soon = on_windows(replace(end, model=model, theta=theta), tried.windows)
         cut[effect] = tried.keep(soon)
     assert {*tried.best().model.effects} == {DELAY}
     assert cut[LAG].chi2 > ends[LAG].chi2 + 10.0
