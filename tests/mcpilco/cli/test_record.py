@@ -56,7 +56,10 @@ def test_a_machine_is_recorded_and_its_own_log_kept(tmp_path) -> None:
         typed = ["--machine", machine.address, *patient, "--dt", "0.02", "--seconds", "1"]
         assert record(tmp_path, *typed, "--rollouts", "1") == 0
     assert read(tmp_path / "excitation-seed0-00.csv").time[-1] == pytest.approx(1.0)
-    assert np.isfinite(read(tmp_path / "machine" / "episode-0000.csv").states).all()
+    log = tmp_path / "machine" / "episode-0000.csv"
+    assert read(log).state_names == STATES
+    # The file itself: read onto even steps, rows are masked wherever a busy host let the rig wait.
+    assert np.isfinite(np.loadtxt(log, delimiter=",", skiprows=1)).all()
 
 
 def test_a_rollout_that_breaks_off_is_recorded_again(tmp_path, monkeypatch, caplog) -> None:
