@@ -1,5 +1,5 @@
 from .chain import HINGE, SLIDE, Body, Chain, Chains, Matrix, Vector, distinct_rows, stack
-from .compiled import INLINED, INNER, scratch
+from .compiled import INLINED, INNER, factorise, scratch, solve
 from .differentiable import torch_regressor
 from .motion import (
     INERTIAL,
@@ -20,7 +20,7 @@ from .packs import (
     where,
     with_lane,
 )
-from .planar import accelerate
+from .planar import accelerate, assemble
 
 __all__ = [
     "HINGE",
@@ -38,9 +38,11 @@ __all__ = [
     "accelerations",
     "anywhere",
     "as_packs",
+    "assemble",
     "count",
     "distinct_rows",
     "everywhere",
+    "factorise",
     "generalised_forces",
     "inertial_parameters",
     "lane",
@@ -48,6 +50,7 @@ __all__ = [
     "mass_matrix",
     "regressor",
     "scratch",
+    "solve",
     "stack",
     "torch_regressor",
     "where",

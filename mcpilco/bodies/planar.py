@@ -196,6 +196,15 @@ def accelerate_two(chains, s, q, dq, x):
 
 
 @njit(**INLINED)
+def assemble(chains, s, q, dq, w):
+    """M(q) and bias(q, dq) of M q'' + bias = tau, of a chain in a plane or not."""
+    if chains.planar[0]:
+        linearise_in_plane(chains, s, q, dq, w)
+    else:
+        linearise(chains, s, q, dq, w)
+
+
+@njit(**INLINED)
 def accelerate(chains, s, q, dq, w, x):
     """Replaces forces x in the joints by the accelerations that they give, M^-1 (x - bias)."""
     if chains.planar[0] and len(q) == 1:
@@ -204,10 +213,7 @@ def accelerate(chains, s, q, dq, w, x):
     if chains.planar[0] and len(q) == 2 and chains.parent[1] == 0:
         accelerate_two(chains, s, q, dq, x)
         return
-    if chains.planar[0]:
-        linearise_in_plane(chains, s, q, dq, w)
-    else:
-        linearise(chains, s, q, dq, w)
+    assemble(chains, s, q, dq, w)
     factorise(w)
     for j in range(len(q)):
         x[j] -= w.bias[j]

@@ -193,7 +193,7 @@ class LeftForce:
 def left_forces(judged: Weighed) -> tuple[LeftForce, ...]:
     """The random forces of the best model, one a joint."""
     layout = judged.best.model.plant.layout
-    left, before = judged.evidence.std.tolist(), judged.nominal.std.tolist()
+    left, before = judged.evidence.sure.tolist(), judged.nominal.sure.tolist()
     units = [judged.best.model.scales[joint].force for joint in layout.joints]
     return tuple(
         LeftForce(joint, usual * std, layout.unit_of(joint)[1], std, usual * nominal)
@@ -402,11 +402,8 @@ def spread_of(result: SearchResult, judged: Weighed, final: Fit) -> tuple[Member
     weights = [math.exp(-0.5 * max(rival.behind, 0.0)) for rival in tied.values()]
     total = 1.0 + sum(weights)
     others = [on_windows(rival.fit, windows) for rival in tied.values()]
-    lasts = judged.lasting(judged.evidence)
+    lasts, likely = judged.lasting(judged.evidence), zip(others, weights, strict=True)
     return (
         member(chosen, windows, lasts, 1.0 / total, final.theta),
-        *(
-            member(f, windows, lasts, w / total, f.theta)
-            for f, w in zip(others, weights, strict=True)
-        ),
+        *(member(f, windows, lasts, w / total, f.theta) for f, w in likely),
     )

@@ -50,16 +50,23 @@ class Evidence:
     """measured values beyond those that fix the initial states"""
     correlation: Float[np.ndarray, " X"]
     """of each state's measurement noise from one sample to the next [-]"""
+    gain: Float[np.ndarray, " J"] | float = np.inf
+    """of deviance by each random force that no machine has, over more noise; of others it is 0"""
+
+    @property
+    def sure(self) -> Float[np.ndarray, " J"]:
+        """The random forces without those of which noise does as much [usual forces]."""
+        return np.where((self.std > VERDICT.force) & (self.gain < VERDICT.sure), 0.0, self.std)
 
     @property
     def deficient(self) -> bool:
         """Whether the model needs random forces, or noise, beyond what any machine has."""
-        return bool((self.std > VERDICT.force).any() or (self.noise > VERDICT.noise).any())
+        return bool((self.sure > VERDICT.force).any() or (self.noise > VERDICT.noise).any())
 
     @property
     def foreign(self) -> bool:
         """Whether the random force of a joint is larger than all that usually acts in it."""
-        return bool((self.std > VERDICT.whole).any())
+        return bool((self.sure > VERDICT.whole).any())
 
 
 @dataclass(frozen=True)
@@ -160,8 +167,11 @@ class _Likelihood:
             if near < DISTURBANCE.same_noise:
                 break
         deviance, _, _, common = given(ratios)
-        std = common * np.exp(0.5 * ratios)
-        return Evidence(deviance, std, common * noise, given.samples, correlation)
+        std, gain = common * np.exp(0.5 * ratios), np.zeros(len(ratios))
+        for joint in np.flatnonzero(std > VERDICT.force):
+            without = np.where(np.arange(len(ratios)) == joint, DISTURBANCE.ratios[0], ratios)
+            gain[joint] = given(without)[0] - deviance
+        return Evidence(deviance, std, common * noise, given.samples, correlation, gain)
 
 
 @dataclass(frozen=True)

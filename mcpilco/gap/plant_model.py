@@ -110,7 +110,6 @@ class PlantModel:
     """uncertain parameters of the plant, with the relative prior std of each; inf frees one"""
     scales: Mapping[str, Scale]
     """by target"""
-
     freed: tuple[EffectInstance, ...] = ()
     """effects that come down to an uncertain parameter, whose prior is lifted instead"""
     learned: tuple[GridForce, ...] = ()
@@ -119,6 +118,8 @@ class PlantModel:
     """of the investigation that simulates it"""
     finer: int = 1
     """times as short a timestep: a touch that comes at another time has another derivative too"""
+    _tables: dict[bytes, Tables] = field(default_factory=dict, init=False, repr=False)
+    """those of the last single system"""
 
     @property
     def effects(self) -> tuple[EffectInstance, ...]:
@@ -351,21 +352,15 @@ class PlantModel:
 
     def tables(self, theta: Float[np.ndarray, "S n"]) -> Tables:
         """S systems, for a simulation; of one that is asked for again and again, the same ones."""
-        asked = theta.tobytes()
-        if len(theta) == 1 and asked in self._tables:
-            return self._tables[asked]
+        if len(theta) == 1 and theta.tobytes() in self._tables:
+            return self._tables[theta.tobytes()]
         parameters, values = self.decode(theta)
         grids = [force.grid for force in self.learned]
         tables = self.plant.tables(parameters, self.added, values, grids, self.weights(theta))
         if len(theta) == 1:
             self._tables.clear()
-            self._tables[asked] = tables
+            self._tables[theta.tobytes()] = tables
         return tables
-
-    @cached_property
-    def _tables(self) -> dict[bytes, Tables]:
-        """Those of the last single system."""
-        return {}
 
     def invert_sensors(
         self, theta: Float[np.ndarray, " n"], measured: Float[np.ndarray, "W X"]

@@ -120,8 +120,7 @@ class Tried:
     def keep(self, fit: Fit) -> Fit:
         """The better of a fit and the one of these effects that there was."""
         key, evidence = frozenset(fit.model.effects), self._evidence(fit)
-        there = self.fits.get(key)
-        if there is not None and self.bic(there) <= self._criterion(fit, evidence):
+        if (there := self.fits.get(key)) and self.bic(there) <= self._criterion(fit, evidence):
             return there
         self.fits[key], self.evidence[key] = fit, evidence
         return fit
@@ -129,8 +128,7 @@ class Tried:
     def judged(self, fit: Fit) -> Evidence:
         """The evidence for one of the fits."""
         key = frozenset(fit.model.effects)
-        if key not in self.evidence:
-            self.evidence[key] = self._evidence(fit)
+        self.evidence[key] = self.evidence.get(key) or self._evidence(fit)
         return self.evidence[key]
 
     def _evidence(self, fit: Fit) -> Evidence:

@@ -192,8 +192,7 @@ def motion(windows: Windows) -> Float[np.ndarray, "W T D"]:
     for j in range(windows.y.shape[1] // 2):
         q = _filled(windows.y[:, 2 * j])
         v = np.gradient(q, windows.dt, axis=1)
-        kernel = np.ones(3) / 3.0
-        columns += [q, np.apply_along_axis(np.convolve, 1, v, kernel, mode="same")]
+        columns += [q, np.apply_along_axis(np.convolve, 1, v, np.ones(3) / 3.0, mode="same")]
     return np.concatenate([np.stack(columns, axis=2), windows.driven], axis=2)
 
 

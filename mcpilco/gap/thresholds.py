@@ -321,6 +321,8 @@ class VerdictThresholds:
 
     force: float = 0.02
     """random force beyond which something is missing [usual forces]; masses 3 % off leave half"""
+    sure: float = 9.5
+    """gain of deviance below which noise alone makes a random force in one of a thousand [-]"""
     whole: float = 1.0
     """random force in a joint beyond which effects but imitate it; none is named [usual forces]"""
     shifted: float = 5.0

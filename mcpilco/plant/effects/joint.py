@@ -135,14 +135,23 @@ class CoulombFriction(DryFriction):
         return [sizes(SMALL * scale.force, TURN.neutral)]
 
 
-class SoftFriction(CoulombFriction):
-    """As MuJoCo's, which sticks as a damper does: -f_c v / v_r up to v_r. Known, as `Servo`."""
+class SoftFriction(DryFriction):
+    """As MuJoCo's: -f_c (v + t v') / v_r, at most f_c either way. Known, as `Servo`.
+
+    It answers to the velocity a time t ahead, as the acceleration v' foretells it: a joint that
+    sticks is heavier by f_c t / v_r and damped by f_c / v_r. `force` is what it is where v' is 0.
+    """
 
     name = "soft_friction"
+    symbols = (Symbol("f_c", "{f}", low=0.0), TURN, Symbol("t", "s", low=0.0))
 
     @staticmethod
-    def force(q, v, f_c, v_r):
+    def force(q, v, f_c, v_r, t):
         return -f_c * smaller(larger(v / v_r, -1.0), 1.0)
+
+    def turn_over(self, values: Sequence[float]) -> float:
+        f_c, v_r, t = values
+        return v_r if f_c and not t else 0.0  # with t it turns over slowly enough for any step
 
 
 class StribeckFriction(DryFriction):

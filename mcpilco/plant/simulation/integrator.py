@@ -32,6 +32,7 @@ from mcpilco.plant.effects.learned import learned_force, place_on
 from mcpilco.plant.effects.memory import Moment
 from mcpilco.plant.simulation.laws import begin, follow, joint_force, remembers, served
 from mcpilco.plant.simulation.signals import drive
+from mcpilco.plant.simulation.soft_friction import SOFT, accelerate_softly
 
 POSITION_TOLERANCE, VELOCITY_TOLERANCE = 2e-7, 1e-5
 """of a step [m or rad, m/s or rad/s]"""
@@ -136,7 +137,11 @@ def derivative(tables, s, q, v, actuated, since, w, kv, row, past, gone):
     drives_joints(tables, s, q, v, actuated, since, w.load)
     for j in range(J):
         w.x[j] = w.load[j]
+    soft = False
     for i in range(len(tables.law)):
+        if tables.law[i] == SOFT:
+            soft = True
+            continue
         j = tables.joint[i]
         x, y = remembered(tables, s, i, q, v, w.load, kv, past, gone)
         a, b, c, d = constants_of(tables, s, i)
@@ -150,6 +155,9 @@ def derivative(tables, s, q, v, actuated, since, w, kv, row, past, gone):
             one = learned_force(tables.learned, system, k, lane(x, i), lane(y, i))
             force = with_lane(force, i, one)
         w.x[tables.learned.joint[k]] += force
+    if soft:
+        accelerate_softly(tables, s, q, v, w, w.x, kv[row])
+        return
     accelerate(tables.chains, s, q, v, w, w.x)
     for j in range(J):
         kv[row, j] = w.x[j]

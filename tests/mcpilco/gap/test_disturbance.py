@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 from scipy.linalg import block_diag, toeplitz
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 import envs
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Disturbance, _GivenNoise, _Likelihood
 from mcpilco.gap.fit import Fit, fit_nominal, misfits, nearer
 from mcpilco.gap.sensitivities import lean, residual, run
-from mcpilco.gap.thresholds import DISTURBANCE, FORCE
+from mcpilco.gap.thresholds import DISTURBANCE, FORCE, VERDICT
 from tests.mcpilco.gap.lagging import fitted, problem
 
 STD = 0.03
@@ -99,6 +99,30 @@ def test_no_other_size_is_likelier() -> None:
     for times, louder, more in (*sizes, (1.0, 1.0, 0.06), (1.0, 1.0, -0.06)):
         other = times * found.std, louder * found.noise, found.correlation + more
         assert dense_deviance(fit, disturbance, *other) > least
+
+
+def test_the_gain_of_a_force_is_that_over_more_noise_in_its_place() -> None:
+    fit, _, disturbance = disturbed(0, STD)
+    found = disturbance.evidence(fit)
+
+    def without(times: float) -> float:
+        noise = times * found.noise
+        return dense_deviance(fit, disturbance, 0.0 * found.std, noise, found.correlation)
+
+    least = minimize_scalar(without, bounds=(0.5, 10.0), method="bounded").fun
+    assert found.gain == pytest.approx(least - found.deviance, rel=1e-4)
+    assert found.deficient
+
+
+def test_a_force_that_hardly_moves_a_joint_may_be_none_whatever_size_fits_best() -> None:
+    """As in a joint that its dry friction holds, of which noise says next to nothing."""
+    faint = []
+    for seed in range(12):
+        fit, _, disturbance = disturbed(seed, 0.0)
+        faint.append(replace(disturbance, columns=0.003 * disturbance.columns).evidence(fit))
+    assert max(each.std[0] for each in faint) > VERDICT.force
+    assert not any(each.deficient for each in faint)
+    assert max(each.sure[0] for each in faint) <= VERDICT.force
 
 
 def two_joints(seed: int, std: tuple[float, float]) -> _GivenNoise:

@@ -254,6 +254,20 @@ def test_a_joint_creeps_under_half_of_its_dry_friction_as_in_mujoco(plant_from, 
     assert found[-1, 1] == pytest.approx(expected[-1, 1], rel=1e-3)
 
 
+@pytest.mark.parametrize("solver", ["", 'solreffriction="0.06 1" solimpfriction="0.7 0.9"'])
+def test_joints_stick_and_slip_together_as_in_mujoco(plant_from, solver):
+    """Friction lets go before a joint turns, and what sticks moves with what pushes it."""
+    rubbed = ARM
+    for joint, most in (("yaw", 3.0), ("pitch", 2.5), ("reach", 1.5)):
+        rubbed = rubbed.replace(f'name="{joint}"', f'name="{joint}" frictionloss="{most}" {solver}')
+    inputs = commands(50)
+    found = plant_from(rubbed).simulate(START[None], inputs[None], 0.02)[0]
+    expected = stepped(rubbed, START, inputs, 0.02, 2e-5, "EULER")
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-3)
+    turns = np.diff(np.sign(expected[:, 1::2]), axis=0) != 0
+    assert turns.any(axis=0).all(), "friction turns over in each"
+
+
 @pytest.mark.parametrize("effect", ["body_mass", "center_of_mass"])
 def test_effects_at_a_body_without_mass_are_finite(plant_from, effect):
     """Between two joints of one body there is nothing; a point mass may be there."""
