@@ -136,7 +136,7 @@ class CoulombFriction(DryFriction):
 
 
 class SoftFriction(DryFriction):
-    """As MuJoCo's: -f_c (v + t v') / v_r, at most f_c either way. Known, as `Servo`.
+    """-f_c (v + t v') / v_r, at most f_c either way, as MuJoCo's. Known, as `Servo`.
 
     It answers to the velocity a time t ahead, as the acceleration v' foretells it: a joint that
     sticks is heavier by f_c t / v_r and damped by f_c / v_r. `force` is what it is where v' is 0.
@@ -148,10 +148,6 @@ class SoftFriction(DryFriction):
     @staticmethod
     def force(q, v, f_c, v_r, t):
         return -f_c * smaller(larger(v / v_r, -1.0), 1.0)
-
-    def turn_over(self, values: Sequence[float]) -> float:
-        f_c, v_r, t = values
-        return v_r if f_c and not t else 0.0  # with t it turns over slowly enough for any step
 
 
 class StribeckFriction(DryFriction):

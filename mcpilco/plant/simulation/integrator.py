@@ -19,6 +19,7 @@ from numba import njit
 
 from mcpilco.bodies import (
     INLINED,
+    INNER,
     accelerate,
     anywhere,
     count,
@@ -32,7 +33,7 @@ from mcpilco.plant.effects.learned import learned_force, place_on
 from mcpilco.plant.effects.memory import Moment
 from mcpilco.plant.simulation.laws import begin, follow, joint_force, remembers, served
 from mcpilco.plant.simulation.signals import drive
-from mcpilco.plant.simulation.soft_friction import SOFT, accelerate_softly
+from mcpilco.plant.simulation.soft_friction import SOFT, accelerate_softly, slip
 
 POSITION_TOLERANCE, VELOCITY_TOLERANCE = 2e-7, 1e-5
 """of a step [m or rad, m/s or rad/s]"""
@@ -179,8 +180,29 @@ def begun(tables, s, load, kv, past, fresh):
             past.memory[i, 1] += where(fresh, 0.5 * (y - past.memory[i, 1]), 0.0)
 
 
+@njit(**INNER)
+def until_it_turns(tables, s, i, kq, kv, h):
+    """The part of a step h until soft friction i begins to stick or to slip; 1 if it may be whole.
+
+    There accelerations have a kink. A step may end a little before it, or after it.
+    """
+    j, v_r, t = tables.joint[i], tables.constants[s, i, 1], tables.constants[s, i, 2]
+    before, soon, after = kq[0, j] + t * kv[0, j], kq[1, j] + t * kv[1, j], kq[6, j] + t * kv[6, j]
+    slips = slip(tables, s, i, kq[0, j], kv[0, j])
+    later = slip(tables, s, i, kq[6, j], kv[6, j])
+    way, first = where(after > before, 1.0, -1.0), 1.0 + 0.0 * h
+    leaves, enters = (slips != way) & (later == way), (slips == -way) & (later != slips)
+    for edge, passed in ((way * v_r, leaves), (-way * v_r, enters)):
+        part = C[1] * (edge - before) / (soon - before)  # what follows the kink says less of it
+        part = where((part > 0.0) & (part < 1.0), part, (edge - before) / (after - before))
+        near = min(part, 1.0 - part)
+        seen = h * abs(kv[6, j] - kv[0, j]) * near * near > VELOCITY_TOLERANCE
+        first = where(passed & seen, part, first)
+    return first
+
+
 @njit(**INLINED)
-def turning(tables, s, v, tv, kv, h):
+def turning(tables, s, v, tv, kq, kv, h):
     """The part of a step h that ends where dry friction begins to turn over; 1 if it may be whole.
 
     Between two stages friction can turn over unseen: the estimate of the error is then a hundred
@@ -189,6 +211,9 @@ def turning(tables, s, v, tv, kv, h):
     part = 1.0 + 0.0 * h
     for i in range(len(tables.law)):
         j = tables.joint[i]
+        if tables.law[i] == SOFT:
+            part = min(part, until_it_turns(tables, s, i, kq, kv, h))
+            continue
         width = tables.turn[s, i]
         change = abs(tv[j] - v[j])
         turns = (width > 0.0) & (v[j] * tv[j] < 0.0) & (change > width)
@@ -276,7 +301,7 @@ def travel(tables, s, past, actuated, duration, step, accuracy, w, kq, kv, tq, t
                 for j in range(J):
                     kq[k, j] = where(finite, kq[k, j], 0.0)
                     kv[k, j] = where(finite, kv[k, j], 0.0)
-        part = turning(tables, s, v, tv, kv, h)
+        part = turning(tables, s, v, tv, kq, kv, h)
         kept = moving & (((worst <= 1.0) & (part == 1.0)) | (h <= SHORTEST))
         done = where(kept, done + h, done)
         for i in range(len(tables.law)):

@@ -258,12 +258,12 @@ def test_a_joint_creeps_under_half_of_its_dry_friction_as_in_mujoco(plant_from, 
 def test_joints_stick_and_slip_together_as_in_mujoco(plant_from, solver):
     """Friction lets go before a joint turns, and what sticks moves with what pushes it."""
     rubbed = ARM
-    for joint, most in (("yaw", 3.0), ("pitch", 2.5), ("reach", 1.5)):
+    for joint, most in (("yaw", 1.5), ("pitch", 1.0), ("reach", 0.6)):
         rubbed = rubbed.replace(f'name="{joint}"', f'name="{joint}" frictionloss="{most}" {solver}')
     inputs = commands(50)
     found = plant_from(rubbed).simulate(START[None], inputs[None], 0.02)[0]
     expected = stepped(rubbed, START, inputs, 0.02, 2e-5, "EULER")
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-3)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=2e-4)
     turns = np.diff(np.sign(expected[:, 1::2]), axis=0) != 0
     assert turns.any(axis=0).all(), "friction turns over in each"
 
