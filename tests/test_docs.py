@@ -55,7 +55,6 @@ NAMES = "|".join(
 """of all commands, as one pattern"""
 QUICK = {
     "CONTRIBUTING.md",
-    "corrected-plants.md",
     "extend-kernel.md",
     "mujoco-plants.md",
     "plants.md",

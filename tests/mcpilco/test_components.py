@@ -73,7 +73,7 @@ def actions(agent: MCPILCO) -> np.ndarray:
     return np.array([act(x) for x in np.random.default_rng(0).normal(size=(5, 4))])
 
 
-@pytest.mark.one_in(2)
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     "name",
     [pytest.param(n, marks=pytest.mark.slow) if n in DEARER else n for n in COMPONENTS],
@@ -203,6 +203,7 @@ def test_states_that_are_measured_in_part_hold_no_inputs():
         MCPILCO("SumOfGaussians", positions(), config=numbers("memory"))
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("name", ["delay", "part of a delay"])
 @pytest.mark.parametrize("engine", [pytest.param("fused", marks=pytest.mark.slow), "eager"])
 def test_a_state_measured_in_part_and_a_late_actuator_can_be_had_together(name, engine, tmp_path):

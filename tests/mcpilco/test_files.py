@@ -72,6 +72,7 @@ def test_any_name_may_be_given_to_an_array(tmp_path: Path, name: str) -> None:
     assert_equal(arrays, read_arrays(write_arrays(tmp_path / "a.npz", arrays)))
 
 
+@pytest.mark.slow
 @same_folder
 @given(
     about=st.dictionaries(names, st.integers() | st.floats(allow_nan=False) | st.text()),

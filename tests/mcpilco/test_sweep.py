@@ -121,6 +121,7 @@ def test_command_interrupted_says_what_is_saved(tmp_path, here, capsys):
     assert "interrupted; 1 of 3 seeds are saved" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_quiet_command_prints_the_table_alone(tmp_path, here, capsys):
     assert main(["sweep", *RUN, "--quiet", "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
@@ -165,6 +166,7 @@ def test_wrong_arguments_are_refused_before_a_folder_is_made(tmp_path, capsys, a
     assert not (tmp_path / "sweep").exists()
 
 
+@pytest.mark.slow
 def test_folder_with_other_settings_is_refused(tmp_path, here, capsys):
     assert main(["sweep", *RUN, "--out", str(tmp_path)]) == 0
     assert main(["sweep", *RUN, "--fresh", "3", "--out", str(tmp_path)]) == 2

@@ -180,6 +180,7 @@ def test_a_warm_started_run_counts_all_experience_and_names_its_source(run, tmp_
     assert config["warm_start"] == str(run)
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("moment", ["_learn", "_practise"])
 def test_a_run_killed_while_it_warms_or_learns_goes_on(run, tmp_path, monkeypatch, moment):
     assert warm(run, tmp_path / "whole", "--trials", "1") == 0

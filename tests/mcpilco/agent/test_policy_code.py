@@ -104,6 +104,7 @@ def agrees_in_c(agent, path: Path, vectors: int, chosen: list[list[str]]) -> Non
         assert difference < 5e-3  # of +-10 N: a float has seven digits
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.skipif(not compilers(), reason="no C compiler")
 @pytest.mark.parametrize(
     ("kind", "compiler"),
@@ -126,6 +127,7 @@ def test_ten_thousand_golden_vectors_agree_in_c(kind: str, agents, tmp_path: Pat
     agrees_in_c(agents(kind), tmp_path / f"{kind}.h", 10_000, compilers())
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in SLOW])
 @pytest.mark.parametrize("vectors", [200, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_golden_vectors_agree_in_onnx(kind: str, vectors: int, agents, tmp_path: Path) -> None:

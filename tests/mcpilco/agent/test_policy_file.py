@@ -116,7 +116,7 @@ def learned(env: str, limits: tuple[Limit, ...] = (), regulator: float = 0.0, **
     return agent.learn(agent.timesteps_of(1))
 
 
-@pytest.mark.one_in(3)
+@pytest.mark.one_in(5)
 @pytest.mark.parametrize(
     ("env", "model"),
     [

@@ -133,6 +133,7 @@ def test_a_page_that_finds_no_room_is_an_error(
     assert "gap.json, corrected.json, gap.rrd." in told.out
 
 
+@pytest.mark.slow
 def test_a_file_that_is_given_three_times_holds_nothing_out(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

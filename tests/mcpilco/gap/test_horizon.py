@@ -67,6 +67,7 @@ def test_noise_is_what_the_plant_leaves_where_impacts_are_as_sudden(
     assert np.median(left) < 1.6
 
 
+@pytest.mark.slow
 def test_noise_that_is_known_stays(airborne: GapProblem) -> None:
     known = {"knee_velocity": 0.5}
     problem = problem_of(AIRBORNE, list(airborne.recordings), known)

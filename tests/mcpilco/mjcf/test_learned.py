@@ -50,6 +50,7 @@ def learned() -> list[LearnedForce]:
     ]
 
 
+@pytest.mark.slow
 def test_mujoco_with_the_callback_moves_as_the_plant(path: Path) -> None:
     plant = plant_of(path).with_learned(learned())
     start, commands = np.array([[0.4, 1.0]]), np.repeat([0.3, -2.0, 0.7], 10)

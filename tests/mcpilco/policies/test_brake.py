@@ -80,6 +80,7 @@ def test_it_learns_the_point_that_the_input_alone_moves(task: TaskSpec, dt: floa
     assert 0.125 < float(brake.reach[0]) < 0.2
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize("dt", [0.05, 0.1])
 @pytest.mark.parametrize("held", [1, 3, pytest.param(6, marks=pytest.mark.slow)])
 def test_bang_bang_commands_stay_within_the_limits(task: TaskSpec, dt: float, held: int) -> None:

@@ -65,6 +65,7 @@ def test_the_velocity_of_a_log_is_found_from_its_position(data: Path) -> None:
     assert np.isfinite(std).all()
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("name", ["double_chirp_both", "double_chirp_both_c"])
 def test_a_double_pendulums_log_is_read(data: Path, name: str) -> None:
     recording = read_recording(

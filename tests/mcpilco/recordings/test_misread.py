@@ -91,6 +91,7 @@ QUICK = ("negate force?", "is pole_angle in degrees?", "are cart_position and ca
 """of a cart-pole, that are asked in the fast run"""
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("machine", "question", "changed"),
@@ -111,6 +112,7 @@ def test_a_wrong_column_is_asked_for(
     assert question in told[0]
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ("machine", "one", "other"),
     [
@@ -200,6 +202,7 @@ def test_time_that_runs_otherwise_is_doubted() -> None:
     assert "time in another unit" in misreadings(PLANTS["cart_pole"], slow)[-1]
 
 
+@pytest.mark.one_in(4)
 @pytest.mark.parametrize("gain", [0.5, pytest.param(1.0, marks=pytest.mark.slow), 1.5])
 @pytest.mark.parametrize("machine", list(PLANTS))
 def test_another_gain_is_no_suspicion(machine: str, gain: float) -> None:

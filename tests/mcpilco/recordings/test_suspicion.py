@@ -38,6 +38,7 @@ def test_no_sample_of_forty_faultless_recordings_is_masked(tmp_path: Path) -> No
     assert not any(masked.values()), {name: n for name, n in masked.items() if n}
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     "fault",
     ["wrong", "turned", *(pytest.param(x, marks=pytest.mark.slow) for x in ("zero", "row"))],

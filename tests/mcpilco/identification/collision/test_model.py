@@ -30,6 +30,7 @@ def rmse(kind: str, at_rest: bool) -> np.ndarray:
     return np.sqrt((error**2).sum(axis=0) / rows.sum(axis=0))
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("kind", ["PP", "SP", "FC"])
 @pytest.mark.parametrize("what", ["hard", pytest.param("smooth", marks=pytest.mark.slow)])
 def test_the_fast_form_is_the_posterior(kind, what):

@@ -86,6 +86,7 @@ def test_a_tenth_of_wrong_poses_is_found_and_left_out() -> None:
     assert int(sentence.split()[0]) >= 5
 
 
+@pytest.mark.slow
 def test_file_holds_the_model(exact, tmp_path) -> None:
     model = exact[-1]
     again = ForwardKinematics.load(model.save(tmp_path / "forward.npz"))

@@ -37,6 +37,7 @@ def slope_at_rest(plant: Plant, longest: float) -> np.ndarray:
     return torch.autograd.grad(following[:, 1].sum(), states)[0][:, 1].numpy()
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("name", SHARP)
 @pytest.mark.parametrize("longest", [0.1, 0.05, 0.025, 0.01])
 def test_rest_is_not_left_by_leaps(name, longest):

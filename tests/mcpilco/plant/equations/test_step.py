@@ -90,6 +90,7 @@ def errors(plant: Plant, memory: int = 0, longest: float = 0.01, turned=False, m
     return np.abs(found[:, :X][:, order] - seen)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("name", EFFECTS)
 def test_a_step_is_that_of_the_simulation(name):
     # a lag of 0.05 s has forgotten all but e^-6 or less of commands that are not remembered
