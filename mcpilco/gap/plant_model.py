@@ -128,10 +128,12 @@ class PlantModel:
 
     def frees(self, instance: EffectInstance) -> int | None:
         """Which uncertain parameter an effect comes down to, of those that a prior holds."""
-        name = self.plant.parameter_of(instance)
+        name, effect = self.plant.parameter_of(instance), instance.effect
         if name is None or not np.isfinite(self.priors.get(name, np.inf)):
             return None
-        return list(self.priors).index(name)
+        slight = FIT.nothing * effect.probes(self.scales[instance.target])[0].values[0, 0]
+        sums = effect.neutral[0] == 0.0  # not so a gain
+        return None if sums and self.plant.values[name] < slight else [*self.priors].index(name)
 
     def _parameter(self, instance: EffectInstance) -> str:
         """The parameter that one of the freed effects comes down to."""

@@ -140,14 +140,11 @@ class Tried:
             key = frozenset(fit.model.effects), fit.theta.tobytes()
             self.near[key] = self.near.get(key) or nearer(fit, self.windows)
             return self.disturbance.evidence(self.near[key], near=True)
-        uncounted = replace(fit, model=replace(fit.model, budget=ComputeBudget()))
-        near = nearer(uncounted, self.windows)
+        near = nearer(replace(fit, model=replace(fit.model, budget=ComputeBudget())), self.windows)
         return Disturbance.of(near, self.windows, near=True).evidence(near, near=True)
 
     def bic(self, fit: Fit) -> float:
-        """Bayesian information criterion of one of the fits.
-
-        It is infinite where an effect is larger than what could be meant.
+        """Bayesian information criterion of one of the fits; infinite where it is not plausible.
 
         Reference: Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
         """

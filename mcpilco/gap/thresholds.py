@@ -108,6 +108,8 @@ class FitThresholds:
     """the same of a force in a joint that is found to differ [-]: the nominal one may be small"""
     farthest: float = 2.5
     """factor by which one step may change a mass, or what enters as a logarithm [-]"""
+    nothing: float = 0.1
+    """part of the size that a probe has below which a parameter is no start for an effect [-]"""
     least_scale: float = 0.1
     """sensor scale below which a reading is not inverted [-]"""
     quickest_s: float = 1e-4

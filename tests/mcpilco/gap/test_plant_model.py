@@ -23,8 +23,8 @@ from tests.mcpilco.gap.lagging import recorded
 FREE = "mass", "length"
 
 
-def model() -> PlantModel:
-    plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
+def model(**parameters: float) -> PlantModel:
+    plant = envs.PLANTS["mcpilco/Pendulum-v0"]().where(**parameters)
     problem = GapProblem.of(plant, recorded(plant, 1), 0.01, FREE, {})
     return problem.model(problem.windows())
 
@@ -110,3 +110,14 @@ def test_friction_turns_over_as_slowly_as_none_could_tell_from_a_quicker_one(siz
     width, millisecond = float(np.exp(theta[-1])), size / scale.inertia * 1e-3
     assert width == pytest.approx(max(5e-4, min(millisecond, 0.003 * scale.velocity)))
     assert millisecond / 10.0 < width
+
+
+@pytest.mark.parametrize(("friction", "frees"), [(0.05, True), (1e-5, False), (0.0, False)])
+def test_a_parameter_of_next_to_nothing_is_no_start_for_an_effect(friction, frees) -> None:
+    """As a joint's damping of 0.001 N m s/rad that is there for the integrator."""
+    viscous = EffectInstance(CATALOGUE["viscous_friction"], "pendulum")
+    before = model(friction=friction)
+    grown, theta = before.grown(np.zeros(before.nuisances), viscous, (0.2,))
+    assert (before.frees(viscous) is not None) == (viscous in grown.freed) == frees
+    assert (viscous in grown.added) != frees
+    assert theta.tolist() == [0.0] * before.nuisances + [0.2] * (not frees)
