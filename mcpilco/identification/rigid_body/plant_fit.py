@@ -113,9 +113,9 @@ def _values(plant: ChainPlant, joint: str, term: str) -> Iterator[float]:
 
 
 def _is(base: Base, term: str, joint: str) -> bool:
-    """Whether an effect that belongs to a plant is a term at a joint."""
-    kind = type(CATALOGUE[EFFECTS[term]])
-    return isinstance(base.active.effect, kind) and base.active.target == joint
+    """Whether an effect that belongs to a plant is a term at a joint, or a general form of it."""
+    effect, name = base.active.effect, EFFECTS[term]
+    return name in (effect.name, *effect.special) and base.active.target == joint
 
 
 def _lacking(

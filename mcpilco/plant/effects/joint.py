@@ -143,6 +143,7 @@ class SoftFriction(DryFriction):
     """
 
     name = "soft_friction"
+    special = ("coulomb_friction",)
     symbols = (Symbol("f_c", "{f}", low=0.0), TURN, Symbol("t", "s", low=0.0))
 
     @staticmethod

@@ -49,10 +49,8 @@ def solve_as_if(tables, s, v, a, w, x):
             j = tables.joint[i]
             slips = slip(tables, s, i, v[j], a[j])
             x[j] -= friction(tables, s, i, v[j], 0.0, slips)
-            stiff = (
-                tables.constants[s, i, 0] * tables.constants[s, i, 2] / tables.constants[s, i, 1]
-            )
-            w.M[j, j] += where(slips == 0.0, stiff, 0.0)
+            heavier = tables.constants[s, i, 0] * tables.constants[s, i, 2]
+            w.M[j, j] += where(slips == 0.0, heavier / tables.constants[s, i, 1], 0.0)
     factorise(w)
     solve(w, x)
 

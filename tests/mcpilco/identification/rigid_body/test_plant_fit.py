@@ -103,6 +103,15 @@ def test_a_plant_can_be_given_as_an_mjcf():
     np.testing.assert_allclose(frictionless, body.nominal.reshape(2, -1)[:, :10], atol=1e-6)
 
 
+def test_the_dry_friction_of_an_mjcf_is_the_term_that_is_identified():
+    """MuJoCo's, which is soft, is no other one beside it."""
+    motors = [("a", 0, 2.0), ("b", 1, 1.0)]
+    rubbed = mjcf_of(TRUE.chain, motors).replace("<joint ", '<joint frictionloss="0.3" ')
+    plant = plant_of_text(rubbed, "arm")
+    body = RigidBody.of(model_of(TRUE), ("coulomb",))
+    np.testing.assert_array_equal(theta_of(plant, body).reshape(2, -1)[:, -1], 0.3)
+
+
 def test_a_plant_with_other_joints_is_refused(found):
     with pytest.raises(InputError, match="must have the joints shoulder, elbow, got cart, pole"):
         correction_of_identified(envs.PLANTS["mcpilco/CartPoleSwingUp-v0"](), found)
