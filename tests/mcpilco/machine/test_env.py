@@ -65,9 +65,12 @@ def test_an_episode_moves_and_is_logged_as_a_recording_of_the_plant(met: Rig, tm
         assert moved[-1][4]["machine"]["ticks"] > 50
         env.reset()
     plant = envs.plant_named("--sim", CART_POLE)
-    recordings, _ = read_for_plant(plant, [tmp_path / "log" / "episode-0000.csv"])
+    log = tmp_path / "log" / "episode-0000.csv"
+    recordings, _ = read_for_plant(plant, [log])
     assert recordings[0].inputs.max() == pytest.approx(2.0)
-    assert recordings[0].states[-1, 0] == pytest.approx(moved[-1][0][0], abs=0.1)
+    # The file itself: read onto even steps, rows are masked wherever a busy host let the rig wait.
+    last = np.loadtxt(log, delimiter=",", skiprows=1)[-1]
+    assert last[1] == pytest.approx(moved[-1][0][0], abs=0.1)
 
 
 def test_what_a_program_has_frozen_stays_so(met: Rig) -> None:
