@@ -133,6 +133,7 @@ def test_correction_without_effects_moves_as_the_equations(system):
     np.testing.assert_allclose(corrected, plain, rtol=0, atol=2e-5)
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(("name", "active"), CANDIDATES)
 def test_env_with_an_effect_measures_what_the_plant_does(name, active):
     plant = PLANTS[name]().having([(active, SIZES[active.effect.name])])
@@ -143,6 +144,7 @@ def test_env_with_an_effect_measures_what_the_plant_does(name, active):
     np.testing.assert_allclose(observations, expected, rtol=part, atol=max(part, 5e-5))
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(("name", "active"), CANDIDATES)
 def test_every_effect_is_felt(name, active):
     plant = PLANTS[name]().having([(active, SIZES[active.effect.name])])

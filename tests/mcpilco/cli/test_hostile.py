@@ -317,7 +317,7 @@ ALL = [argv for calls in READERS.values() for argv in calls]
 FEWER = [form for form in HOSTILE if form not in {f"algorithm {name}" for name in NAMES[2:]}]
 
 
-@pytest.mark.one_in(3)
+@pytest.mark.one_in(6)
 @pytest.mark.parametrize("form", FEWER)
 def test_nothing_that_is_sent_is_executed(
     sent: Path, capsys: pytest.CaptureFixture[str], form: str

@@ -166,6 +166,7 @@ def test_neutral_values_make_physical_sense(name):
     assert len(set(names)) == len(names)
 
 
+@pytest.mark.one_in(2)
 @everywhere
 def test_neutral_values_change_nothing(plant_name, active):
     plant = setting(plant_name)[0]
@@ -173,6 +174,7 @@ def test_neutral_values_change_nothing(plant_name, active):
     np.testing.assert_array_equal(found, nominal(plant_name))
 
 
+@pytest.mark.one_in(2)
 @everywhere
 def test_neutral_values_change_nothing_where_the_plant_has_the_effect_already(plant_name, active):
     values = ORDINARY[active.effect.name]
@@ -183,6 +185,7 @@ def test_neutral_values_change_nothing_where_the_plant_has_the_effect_already(pl
     assert np.abs(before[0] - nominal(plant_name)).max() > 1e-3
 
 
+@pytest.mark.one_in(2)
 @everywhere
 def test_every_probe_is_felt(plant_name, active):
     """Above the tolerances of a step."""
@@ -204,6 +207,7 @@ def test_probes_make_physical_sense(plant_name, active):
         assert (probe.values <= high).all()
 
 
+@pytest.mark.one_in(2)
 @everywhere
 def test_an_effect_in_one_system_leaves_the_others_alone(plant_name, active):
     plant = setting(plant_name)[0]
