@@ -166,7 +166,6 @@ def test_neutral_values_make_physical_sense(name):
     assert len(set(names)) == len(names)
 
 
-@pytest.mark.one_in(2)
 @everywhere
 def test_neutral_values_change_nothing(plant_name, active):
     plant = setting(plant_name)[0]
@@ -185,7 +184,6 @@ def test_neutral_values_change_nothing_where_the_plant_has_the_effect_already(pl
     assert np.abs(before[0] - nominal(plant_name)).max() > 1e-3
 
 
-@pytest.mark.one_in(2)
 @everywhere
 def test_every_probe_is_felt(plant_name, active):
     """Above the tolerances of a step."""
