@@ -69,8 +69,11 @@ def test_an_episode_moves_and_is_logged_as_a_recording_of_the_plant(met: Rig, tm
     recordings, _ = read_for_plant(plant, [log])
     assert recordings[0].inputs.max() == pytest.approx(2.0)
     # The file itself: read onto even steps, rows are masked wherever a busy host let the rig wait.
-    last = np.loadtxt(log, delimiter=",", skiprows=1)[-1]
-    assert last[1] == pytest.approx(moved[-1][0][0], abs=0.1)
+    rows = np.loadtxt(log, delimiter=",", skiprows=1)
+    assert rows[-1, 1] == pytest.approx(moved[-1][0][0], abs=0.1)
+    seen = np.isfinite(recordings[0].states[:, 0])
+    there = np.interp(recordings[0].time[seen], rows[:, 0], rows[:, 1])
+    np.testing.assert_allclose(recordings[0].states[seen, 0], there, atol=0.1)
 
 
 def test_what_a_program_has_frozen_stays_so(met: Rig) -> None:
