@@ -20,7 +20,9 @@ from mcpilco.typing import McPilcoError, RunFolderError
 
 if TYPE_CHECKING:
     from mcpilco.gap import Gap as Investigated
+    from mcpilco.mjcf import Physics
     from mcpilco.plant import Plant
+    from mcpilco.recordings import Recording
 
 INTERRUPTED, STABILITY = "interrupted.json", "stability.json"
 CALLBACKS = "corrected.py"
@@ -36,6 +38,8 @@ FILES = (
     INTERRUPTED,
 )
 """that the command writes"""
+KEPT = 0.5
+"""part of recordings between ends of joints from which on equations are enough [-]"""
 REMEDY = "name another folder, or pass --overwrite"
 """where one is there already"""
 
@@ -51,7 +55,7 @@ class Gap(options.Command):
     plant: Annotated[str, tyro.conf.arg(metavar="ID|FILE")] = CART_POLE
     """a registered plant, or an MJCF or URDF file; `module:Id` imports the module first"""
     physics: Literal["auto", "equations", "mujoco"] = "auto"
-    """who simulates a file: equations where they can say it, or MuJoCo, with contacts and servos"""
+    """who simulates a file: equations where they can say it, or MuJoCo, with contacts and stops"""
     keyframe: Annotated[str, tyro.conf.arg(metavar="NAME")] = ""
     """of the model: the pose of what was not recorded; by default that in which it is drawn"""
     columns: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[FILE:]NAME=COLUMN,...")] = ()
@@ -94,27 +98,14 @@ class Gap(options.Command):
             return 130
 
     def _investigate(self, stages: Stages) -> int:
-        from envs import plant_named
         from mcpilco.files import make_folder, write_bytes
         from mcpilco.gap import investigate, repetitions, write_json
         from mcpilco.plant import correction_of, write_correction
-        from mcpilco.recordings import misreadings, read_for_plant, require_plausible
+        from mcpilco.recordings import misreadings, require_plausible
 
-        nominal = plant_named("--plant", self.plant, physics=self.physics, keyframe=self.keyframe)
-        plant = nominal.where(**options.named_numbers("--set", self.set))
-        if options.is_model(self.plant):
-            print(f"{plant.name} is simulated by {plant.simulated_by}.", file=sys.stderr)
         if not self.overwrite:
             options.require_new(*(self.out / name for name in FILES), remedy=REMEDY)
-        recordings, notes = read_for_plant(
-            plant,
-            self.recordings,
-            options.column_maps(self.columns),
-            self.dt,
-            None if self.events is None else options.spans_of(self.events),
-        )
-        for note in notes:
-            print(note, file=sys.stderr)
+        nominal, plant, recordings = self._read(self.physics)
         stages.begin("check of the recordings")
         doubts = misreadings(plant, recordings, self._limits(plant))
         if not self.accept:
@@ -152,6 +143,44 @@ class Gap(options.Command):
         if self.stability:
             print(*repeated.summary(), sep="\n")
         return code
+
+    def _read(self, physics: Physics) -> tuple[Plant, Plant, list[Recording]]:
+        """The plant, as it is and with `--set`, and the recordings; says who simulates a file."""
+        from envs import plant_named
+        from mcpilco.recordings import read_for_plant
+
+        nominal = plant_named("--plant", self.plant, physics=physics, keyframe=self.keyframe)
+        plant = nominal.where(**options.named_numbers("--set", self.set))
+        recordings, notes = read_for_plant(
+            plant,
+            self.recordings,
+            options.column_maps(self.columns),
+            self.dt,
+            None if self.events is None else options.spans_of(self.events),
+        )
+        if options.is_model(self.plant):
+            if not plant.timestep_s:
+                free = [self._apart_from_ends(plant, one) for one in recordings]
+                kept = sum(map(_followed_s, free)) / max(sum(map(_followed_s, recordings)), 1e-9)
+                at_ends = "of the recordings a joint is at an end of its range, which no equation"
+                if kept < KEPT and physics == "auto":
+                    print(f"In {1.0 - kept:.0%} {at_ends} has.", file=sys.stderr)
+                    return self._read("mujoco")
+                if kept < 1.0:
+                    print(f"Left out: in {1.0 - kept:.0%} {at_ends} has.", file=sys.stderr)
+                recordings = free
+            print(f"{plant.name} is simulated by {plant.simulated_by}.", file=sys.stderr)
+        for note in notes:
+            print(note, file=sys.stderr)
+        return nominal, plant, recordings
+
+    def _apart_from_ends(self, plant: Plant, recording: Recording) -> Recording:
+        """A recording with gaps where a joint of the file is at an end of its range."""
+        from mcpilco.mjcf import spans_at_ends
+
+        positions = dict(zip(plant.layout.joints, recording.states[:, 0::2].T, strict=True))
+        spans = spans_at_ends(self.plant, recording.time, positions)
+        return recording.without(spans) if spans else recording
 
     def _write_mjcf(self, gap: Investigated, nominal: Plant) -> list[str]:
         """The corrected model, where it can be written; says what MJCF cannot say of it."""
@@ -192,6 +221,14 @@ class Gap(options.Command):
         with contextlib.closing(gymnasium.make(plant.name, disable_env_checker=True)) as env:
             actions: Any = env.action_space
             return [float(high) for high in actions.high]
+
+
+def _followed_s(recording: Recording) -> float:
+    """For how long a recording can be followed, between its gaps [s]."""
+    from mcpilco.gap import DATA
+
+    stretches = [recording.dt * (part.stop - part.start) for part in recording.segments()]
+    return sum(s - DATA.past_s for s in stretches if s > DATA.past_s + DATA.window_s)
 
 
 def show_gap(

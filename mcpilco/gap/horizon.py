@@ -87,8 +87,8 @@ def _left(problem: GapProblem, windows: Windows) -> Float[np.ndarray, " X"]:
     model, x0 = problem.model(windows), windows.guess
     theta, readings = np.zeros(model.nuisances), int(windows.samples.sum())
     free = math.sqrt(readings / max(1, readings - x0.size))
-    every = np.concatenate([recording.states for recording in problem.recordings])
-    least = np.minimum(DATA.least_noise * np.nanstd(every, axis=0), problem.std)
+    every = np.ma.masked_invalid(np.concatenate([one.states for one in problem.recordings]))
+    least = np.minimum(DATA.least_noise * every.std(axis=0).filled(0.0), problem.std)
     for _ in range(ROUNDS):
         x0 = fit_initial_states(model, windows, theta, x0)
         r = residuals_at(model, windows, theta, x0).reshape(windows.y.shape)

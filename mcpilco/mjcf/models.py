@@ -1,7 +1,7 @@
 """A MuJoCo model as a plant: the same equations, with names for recordings and nominal effects.
 
 Contacts and the limits of joints are not simulated: a recording in which the machine touches
-something, or runs into an end stop, is compared with a machine that does not.
+something is compared with one that does not. `mcpilco gap` leaves out where a joint is stopped.
 """
 
 from __future__ import annotations

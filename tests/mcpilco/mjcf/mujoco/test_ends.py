@@ -1,0 +1,129 @@
+"""Where recordings run into the ends of joints, and what `mcpilco gap` makes of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import mcpilco.gap
+from mcpilco.cli import main
+from mcpilco.mjcf import MujocoPlant, spans_at_ends
+from mcpilco.plant import ChainPlant
+from mcpilco.typing import InputError
+
+RAIL = """
+<mujoco model="rail">
+  <option timestep="0.005"/>
+  <worldbody>
+    <body name="cart">
+      <joint name="rail" type="slide" axis="1 0 0" range="-0.5 0.5" limited="true"/>
+      <geom type="box" size="0.1 0.05 0.05" mass="0.5"/>
+      <body name="rod">
+        <joint name="hinge" axis="0 1 0" damping="0.01"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.02" mass="0.2"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor name="motor" joint="rail" gear="1"/></actuator>
+</mujoco>
+"""
+DT = 0.02
+
+
+@pytest.fixture
+def rail(tmp_path: Path) -> Path:
+    path = tmp_path / "rail.xml"
+    path.write_text(RAIL)
+    return path
+
+
+def moved(push: float, once: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Readings and forces of a cart that is pushed to and fro, and for half a second once."""
+    model = mujoco.MjModel.from_xml_string(RAIL)
+    data, rows, forces = mujoco.MjData(model), [], []
+    for k in range(400):
+        rows.append([data.qpos[0], data.qvel[0], data.qpos[1], data.qvel[1]])
+        data.ctrl[0] = push * np.sin(2.0 * k * DT) - 0.5 * data.qpos[0] - 0.2 * data.qvel[0]
+        data.ctrl[0] += once * (200 <= k < 225)
+        forces.append(data.ctrl[0])
+        for _ in range(4):
+            mujoco.mj_step(model, data)
+    return np.array(rows), np.array(forces)
+
+
+def logged(tmp_path: Path, states: np.ndarray, forces: np.ndarray) -> Path:
+    names = ["rail_position", "rail_velocity", "hinge_position", "hinge_velocity", "motor"]
+    table = np.column_stack([DT * np.arange(len(states)), states, forces])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, table, delimiter=",", header=",".join(["time", *names]), comments="")
+    return path
+
+
+def test_no_time_at_an_end_is_outside_of_the_spans(rail: Path) -> None:
+    states, _ = moved(2.0)
+    t = DT * np.arange(len(states))
+    spans = spans_at_ends(rail, t, {"rail": states[:, 0], "hinge": states[:, 2]})
+    inside = np.any([(t > a) & (t < b) for a, b in spans], axis=0)
+    stopped = np.abs(states[:, 0]) > 0.5
+    assert stopped.any()
+    assert inside[stopped].all()
+    assert inside.mean() < 0.5
+
+
+def test_a_stop_between_two_samples_is_seen_by_the_speed_before_and_after(rail: Path) -> None:
+    q = np.array([0.3, 0.38, 0.46, 0.44, 0.36, 0.28])  # it turned at 0.5, somewhere in between
+    t = DT * np.arange(len(q))
+    assert spans_at_ends(rail, t, {"rail": q}) == ((t[1], t[4]),)
+    assert spans_at_ends(rail, t, {"rail": q - 0.05}) == ()
+
+
+def test_what_has_no_ends_or_was_not_recorded_is_at_none(rail: Path) -> None:
+    t = DT * np.arange(50)
+    assert spans_at_ends(rail, t, {"hinge": 3.0 * t}) == ()
+    assert spans_at_ends(rail, t, {"rail": np.full(50, np.nan)}) == ()
+    with pytest.raises(InputError, match="must be an MJCF or a URDF file"):
+        spans_at_ends(rail.with_name("none.xml"), t, {})
+
+
+@pytest.mark.parametrize(
+    ("pushes", "more", "kind", "says"),
+    [
+        ((0.2, 0.0), (), ChainPlant, ""),
+        ((0.2, 2.0), (), ChainPlant, "Left out: in"),
+        ((6.0, 0.0), (), MujocoPlant, "% of the recordings a joint is at an end of its range"),
+        ((6.0, 0.0), ("--physics", "equations"), ChainPlant, "Left out: in"),
+    ],
+    ids=["never there", "now and then", "often", "often, and equations asked for"],
+)
+def test_equations_are_compared_between_the_ends_of_joints_and_mujoco_where_these_are_often(
+    pushes: tuple[float, float],
+    more: tuple[str, ...],
+    kind: type,
+    says: str,
+    rail: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    class AskedError(Exception):
+        """What would have been investigated."""
+
+    def investigate(plant, recordings, **how):
+        raise AskedError(plant, recordings)
+
+    monkeypatch.setattr(mcpilco.gap, "investigate", investigate)
+    states, forces = moved(*pushes)
+    log, out = logged(tmp_path, states, forces), tmp_path / "out"
+    with pytest.raises(AskedError) as asked:
+        main(["gap", str(log), "--plant", str(rail), "--out", str(out), "--accept", *more])
+    plant, (recording,) = asked.value.args
+    assert isinstance(plant, kind)
+    said = capsys.readouterr().err
+    assert (says in said) if says else ("range" not in said)
+    assert bool(recording.gaps) == (kind is ChainPlant and bool(says))
+    if recording.gaps:
+        beyond = np.abs(states[:, 0]) > 0.5
+        assert np.isnan(recording.states[beyond]).all()
