@@ -41,7 +41,7 @@ def rail(tmp_path: Path) -> Path:
 
 
 def moved(push: float, once: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Readings and forces of a cart that is pushed to and fro, and for half a second once."""
+    """Readings and forces of a cart that is pushed there and back, and for half a second once."""
     model = mujoco.MjModel.from_xml_string(RAIL)
     data, rows, forces = mujoco.MjData(model), [], []
     for k in range(400):
