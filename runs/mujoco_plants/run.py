@@ -3,6 +3,7 @@
 python runs/mujoco_plants/run.py models        # every MJCF of three packages, equal to mj_step?
 python runs/mujoco_plants/run.py throughput    # beside a plain loop of mj_step, mujoco.rollout
 python runs/mujoco_plants/run.py study --seeds 1000:1060   # hidden effects in others' models
+python runs/mujoco_plants/run.py study --seeds 5000:5040   # in arms for which nothing was developed
 python runs/mujoco_plants/run.py sysid --seeds 100:120     # beside mujoco.sysid, on its tutorial
 """
 
@@ -24,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import beside_sysid
 from harness import fill, folder, keep, kept, once, parse_seeds, places, use_one_thread
 from study import judged, summary, tried
-from truth import HELD_S, MACHINES
+from truth import HELD_S, MACHINES, OTHERS_FROM
 
 from mcpilco.mjcf import MujocoPlant, load_mjcf, mujoco_plant, read_plant
 from mcpilco.sweep import markdown
@@ -206,8 +207,17 @@ def _speeds(results: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def _study(results: Sequence[dict[str, Any]]) -> list[str]:
-    if not results:
-        return []
+    kinds = "### Hidden effects", "### Hidden effects in arms for which nothing was developed"
+    own: tuple[list[dict[str, Any]], ...] = [], []
+    for each in results:
+        own[each["seed"] >= OTHERS_FROM].append(each)
+    parts = [
+        part for kind, some in zip(kinds, own, strict=True) if some for part in _hidden(kind, some)
+    ]
+    return [*parts, places([{"machine": each["place"]} for each in results])] if results else []
+
+
+def _hidden(title: str, results: Sequence[dict[str, Any]]) -> list[str]:
     head = (
         *("machine", "cases", "right or in the family", "nothing hidden: nothing named"),
         *("wrong and sure", "CPU minutes a case: median (most)"),
@@ -227,9 +237,8 @@ def _study(results: Sequence[dict[str, Any]]) -> list[str]:
     ]
     told = ("seed", "machine", "hidden", "size", "verdict", "named, or what comes closest")
     return [
-        f"### Hidden effects\n\n{markdown(head, summary(results))}",
+        f"{title}\n\n{markdown(head, summary(results))}",
         markdown((*told, "judged", "CPU [min]"), rows),
-        places([{"machine": each["place"]} for each in results]),
     ]
 
 

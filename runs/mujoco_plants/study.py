@@ -17,7 +17,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from truth import FINER, HELD_S, MACHINES, Effects, Machine, drive
+from truth import FINER, HELD_S, MACHINES, OTHERS, Effects, Machine, drive, machines_of
 
 from mcpilco.gap import Gap, investigate
 from mcpilco.mjcf import MujocoPlant, mujoco_plant, plant_of_model
@@ -69,8 +69,9 @@ class Motion:
 
 def drawn(seed: int) -> tuple[Hidden, Plant, list[Recording]]:
     """What a seed hides, the nominal plant, and recordings; drawn anew where it is not felt."""
-    name = list(MACHINES)[seed % len(MACHINES)]
-    this, nominal = MACHINES[name], MACHINES[name].model()
+    machines = machines_of(seed)
+    name = list(machines)[seed % len(machines)]
+    this, nominal = machines[name], machines[name].model()
     plant = mujoco_plant(nominal, name.replace(" ", "_"))
     seen = plant_of_model(nominal, Path(plant.name)) if this.equations else plant
     for anew in itertools.count():
@@ -78,7 +79,7 @@ def drawn(seed: int) -> tuple[Hidden, Plant, list[Recording]]:
         fine = this.model()
         fine.opt.timestep /= FINER
         before = _motions(this, plant, fine, Effects(), seed)
-        if seed // len(MACHINES) % EMPTY == EMPTY - 1:
+        if seed // len(machines) % EMPTY == EMPTY - 1:
             return Hidden(seed, name), seen, _recorded(plant, before, rng)
         usual = _usual(plant, before)
         effect, target, value, read = _hide(plant, this, rng, fine, effects := Effects(), usual)
@@ -346,7 +347,7 @@ def surely_wrong(result: Mapping[str, Any]) -> bool:
 def summary(results: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     """Rows: machine, cases, named rightly or in the family, nothing hidden, wrong and sure."""
     rows = []
-    for name in (*MACHINES, "all"):
+    for name in (*MACHINES, *OTHERS, "all"):
         own = [r for r in results if name in (r["machine"], "all")]
         if not own:
             continue

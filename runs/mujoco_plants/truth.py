@@ -40,6 +40,8 @@ class Machine:
     """of the ranges of random commands"""
     equations: bool = False
     """whether the workflow compares it by its equations of motion, for it moves in free air"""
+    coupled: bool = False
+    """whether the controller of its motors knows that joints move one another, and their damping"""
 
     @property
     def path(self) -> Path:
@@ -79,6 +81,32 @@ MACHINES = {
     "ur5e on servos": Machine(*UR5E, servos=True, equations=True),
     "ur5e on motors": Machine(*UR5E, equations=True),
 }
+POSES = {
+    "iiwa": (0.0, 0.65, 0.0, -1.5, 0.0, 0.6, 0.0),
+    "kinova3": (0.0, 0.65, 0.0, 1.89, 0.0, 0.6, -1.57),
+    "sawyer": (0.0, -1.18, 0.0, 2.18, 0.0, 0.57, -1.57),
+    "spot_arm": (0.0, -1.5, 1.5, 0.0, 0.6, 0.0),
+}
+"""of further arms of robosuite, on which nothing was developed [rad]"""
+OTHERS = {
+    f"{arm} on {kind}": Machine(
+        "robosuite",
+        f"models/assets/robots/{arm}/robot.xml",
+        pose,
+        servos=kind == "servos",
+        equations=True,
+        coupled=True,
+    )
+    for arm, pose in POSES.items()
+    for kind in ("servos", "motors")
+}
+OTHERS_FROM = 5000
+"""seed of the study from which on the machines are these"""
+
+
+def machines_of(seed: int) -> Mapping[str, Machine]:
+    """Those from which a seed of the study chooses."""
+    return OTHERS if seed >= OTHERS_FROM else MACHINES
 
 
 def _inertias(model: mujoco.MjModel, pose: np.ndarray) -> np.ndarray:
@@ -174,7 +202,8 @@ def _follower(machine, nominal, rng):
     rates = 2.0 * math.pi * rng.uniform(0.15, 0.9, (SINES, J))
     sizes = rng.dirichlet(np.ones(SINES), J).T * REACH_RAD
     phases = rng.uniform(0.0, 2.0 * math.pi, (SINES, J))
-    data, inertias = mujoco.MjData(nominal), _inertias(nominal, np.array(machine.pose))
+    data, inertias = mujoco.MjData(nominal), np.diag(_inertias(nominal, np.array(machine.pose)))
+    damping = machine.coupled * nominal.dof_damping
     rate = 2.0 * math.pi * 1.5  # of the controller, which acts at every sample
 
     def command(k, measured):
@@ -188,6 +217,8 @@ def _follower(machine, nominal, rng):
         mujoco.mj_forward(nominal, data)
         pull = rate**2 * (goal - measured.qpos) + 1.4 * rate * (speed - measured.qvel)
         low, high = nominal.actuator_ctrlrange.T
-        return np.clip(data.qfrc_bias + inertias * pull, low, high)
+        if machine.coupled:
+            mujoco.mj_fullM(nominal, data, inertias)
+        return np.clip(data.qfrc_bias + damping * speed + inertias @ pull, low, high)
 
     return command
