@@ -149,7 +149,7 @@ def _misread(plant: Plant, spans: Spans) -> Iterator[str]:
     first, last = len(plant.layout.states), len(spans.noise)
     without = missed(plant, spans.times(dict.fromkeys(range(first, last), 0.0)))
     foreign = start > min(MISREAD.foreign, max(MISREAD.missed, MISREAD.idle * without))
-    if foreign and missed(plant, spans, friction=True) > MISREAD.explained:
+    if foreign and missed(plant, spans, forces=True) > MISREAD.explained:
         yield (
             f"the plant misses {_percent(start)} % of the motion over "
             f"{MISREAD.span_s:g} s, and without the commands {_percent(without)} %: is "
@@ -282,7 +282,7 @@ def _lengths(dt: float) -> tuple[int, int]:
     return max(1, round(MISREAD.span_s / dt)), max(3, round(MISREAD.smooth_s / dt))
 
 
-def missed(plant: Plant, spans: Spans, friction: bool = False) -> float:
+def missed(plant: Plant, spans: Spans, forces: bool = False) -> float:
     """Part of the squared change of the states over a span that the plant misses, their mean [-].
 
     1 is what is missed of a machine that is said to stay as it is. States that hardly move do not
@@ -291,8 +291,9 @@ def missed(plant: Plant, spans: Spans, friction: bool = False) -> float:
     Args:
         plant: nominal.
         spans: of the recordings.
-        friction: whether viscous and dry friction and an offset of each joint may be missing, as
-            least squares find them. A heavy drive spends most of its force on friction.
+        forces: whether springs, viscous and dry friction and offsets of the joints may be missing,
+            as least squares find them. A heavy drive spends most of its force on friction, and the
+            wrist of an arm is thrown about by a spring in its shoulder.
     """
     begin, end = spans.states(plant)
     moving = spans.moving(plant)
@@ -301,15 +302,28 @@ def missed(plant: Plant, spans: Spans, friction: bool = False) -> float:
     there = plant.simulate(begin, spans.held[..., begin.shape[1] :], spans.dt)[:, -1]
     size = np.mean((end - begin)[:, moving] ** 2, axis=0)
     rest = there - end
-    if friction:
-        rest = np.nan_to_num(rest, posinf=0.0, neginf=0.0)
-        for x in range(begin.shape[1]):
-            v = 0.5 * (begin + end)[:, x - x % 2 + 1]
-            D = np.column_stack([np.ones(len(v)), v, np.sign(v)])
-            rest[:, x] -= D @ np.linalg.lstsq(D, rest[:, x], rcond=None)[0]
+    if forces:
+        rest = _without_forces(np.nan_to_num(rest, posinf=0.0, neginf=0.0), 0.5 * (begin + end))
     wrong = np.mean(rest[:, moving] ** 2 / size, axis=1)
     wrong = np.minimum(np.nan_to_num(wrong, nan=np.inf), MISREAD.farthest)
     return float(np.sort(wrong)[: math.ceil(MISREAD.counted * len(wrong))].mean())
+
+
+def _without_forces(
+    rest: Float[np.ndarray, "S X"], at: Float[np.ndarray, "S X"]
+) -> Float[np.ndarray, "S X"]:
+    """What springs, friction and offsets of the joints leave, in states `at` in which they act.
+
+    Those of all joints move each of them; of its own one alone where spans are few.
+    """
+    q, v = at[:, 0::2], at[:, 1::2]
+    joints, left = np.arange(q.shape[1]), np.empty_like(rest)
+    for x in range(rest.shape[1]):
+        some = joints if 2 * (1 + 3 * len(joints)) <= len(q) else joints[[x // 2]]
+        D = np.column_stack([np.ones(len(q)), q[:, some], v[:, some], np.sign(v[:, some])])
+        found = D @ np.linalg.lstsq(D, rest[:, x], rcond=None)[0]
+        left[:, x] = (rest[:, x] - found) / math.sqrt(max(1.0 - D.shape[1] / len(D), 1e-12))
+    return left
 
 
 def readings(plant: Plant, spans: Spans) -> Iterator[tuple[str, Spans]]:
