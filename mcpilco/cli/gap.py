@@ -16,7 +16,7 @@ import tyro
 
 from mcpilco.cli import options
 from mcpilco.config import CART_POLE
-from mcpilco.typing import McPilcoError, RunFolderError
+from mcpilco.typing import InputError, McPilcoError, RunFolderError
 
 if TYPE_CHECKING:
     from mcpilco.gap import Gap as Investigated
@@ -39,7 +39,7 @@ FILES = (
 )
 """that the command writes"""
 KEPT = 0.5
-"""part of recordings between ends of joints from which on equations are enough [-]"""
+"""part of recordings in which nothing is touched from which on equations are enough [-]"""
 REMEDY = "name another folder, or pass --overwrite"
 """where one is there already"""
 
@@ -149,7 +149,14 @@ class Gap(options.Command):
         from envs import plant_named
         from mcpilco.recordings import read_for_plant
 
-        nominal = plant_named("--plant", self.plant, physics=physics, keyframe=self.keyframe)
+        auto = physics == "auto" and options.is_model(self.plant) and not self.keyframe
+        try:  # what could touch something may never do so
+            how = {"physics": "equations" if auto else physics, "keyframe": self.keyframe}
+            nominal = plant_named("--plant", self.plant, **how)
+        except InputError:
+            if not auto:
+                raise
+            return self._read("mujoco")
         plant = nominal.where(**options.named_numbers("--set", self.set))
         recordings, notes = read_for_plant(
             plant,
@@ -160,26 +167,27 @@ class Gap(options.Command):
         )
         if options.is_model(self.plant):
             if not plant.timestep_s:
-                free = [self._apart_from_ends(plant, one) for one in recordings]
+                free = [self._touching_nothing(plant, one) for one in recordings]
                 kept = sum(map(_followed_s, free)) / max(sum(map(_followed_s, recordings)), 1e-9)
-                at_ends = "of the recordings a joint is at an end of its range, which no equation"
-                if kept < KEPT and physics == "auto":
-                    print(f"In {1.0 - kept:.0%} {at_ends} has.", file=sys.stderr)
-                    return self._read("mujoco")
+                enough = kept >= KEPT
                 if kept < 1.0:
-                    print(f"Left out: in {1.0 - kept:.0%} {at_ends} has.", file=sys.stderr)
-                recordings = free
+                    said = "left out" if enough else "MuJoCo is taken" if auto else "kept"
+                    where = f"In {1.0 - kept:.0%} of the recordings the machine touches something"
+                    print(f"{where}, which no equation has: {said}.", file=sys.stderr)
+                if auto and not enough:
+                    return self._read("mujoco")
+                recordings = free if enough else recordings
             print(f"{plant.name} is simulated by {plant.simulated_by}.", file=sys.stderr)
         for note in notes:
             print(note, file=sys.stderr)
         return nominal, plant, recordings
 
-    def _apart_from_ends(self, plant: Plant, recording: Recording) -> Recording:
-        """A recording with gaps where a joint of the file is at an end of its range."""
-        from mcpilco.mjcf import spans_at_ends
+    def _touching_nothing(self, plant: Plant, recording: Recording) -> Recording:
+        """A recording with gaps where bodies of the file touch, or a joint is at an end."""
+        from mcpilco.mjcf import spans_touching
 
         positions = dict(zip(plant.layout.joints, recording.states[:, 0::2].T, strict=True))
-        spans = spans_at_ends(self.plant, recording.time, positions)
+        spans = spans_touching(self.plant, recording.time, positions)
         return recording.without(spans) if spans else recording
 
     def _write_mjcf(self, gap: Investigated, nominal: Plant) -> list[str]:

@@ -306,7 +306,7 @@ class PlantModel:
     @cached_property
     def _least(self) -> list[Float[np.ndarray, " symbols"]]:
         """Values of each effect below which no timestep can tell it."""
-        h = self.plant.finely(self.finer).timestep_s
+        h = self.plant.finely(self.finer).least_s
         seconds = [[symbol.unit == "s" for symbol in each.effect.symbols] for each in self.added]
         return [np.where(some, h or -np.inf, -np.inf) for some in seconds]
 

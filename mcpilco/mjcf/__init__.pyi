@@ -10,9 +10,9 @@ from .edited_model import FAR, EditedModel
 from .inertials import Inertials
 from .models import chain_of, load_mjcf, plant_of, plant_of_model
 from .mujoco.callbacks import SteppedModel, install_correction
-from .mujoco.ends import spans_at_ends
 from .mujoco.plant import MujocoPlant
 from .mujoco.read import Physics, mujoco_plant, read_plant
+from .mujoco.touching import spans_touching
 
 __all__ = [
     "FAR",
@@ -34,7 +34,7 @@ __all__ = [
     "plant_of_text",
     "read_plant",
     "save_mjcf",
-    "spans_at_ends",
+    "spans_touching",
     "text_of",
     "write_corrected_mjcf",
     "write_joint_terms",

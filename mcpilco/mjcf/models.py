@@ -191,6 +191,7 @@ def plant_of_model(model: mujoco.MjModel, path: Path) -> ChainPlant:
         base=base,
         masses={body: f"{body}_mass" for body in layout.bodies if masses[body] > 0.0},
         angles=tuple(2 * j for j, slides in enumerate(layout.slides) if not slides),
+        meant_s=float(model.opt.timestep),
     )
 
 

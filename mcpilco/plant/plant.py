@@ -330,6 +330,11 @@ class Plant(ABC):
         return 0.0
 
     @property
+    @abstractmethod
+    def least_s(self) -> float:
+        """Delays and lags that are shorter are nothing to it [s]."""
+
+    @property
     def costly(self) -> bool:
         """Whether a second of it takes far longer to simulate than one of a pendulum."""
         return len(self.layout.joints) > MANY
@@ -395,6 +400,12 @@ class ChainPlant(Plant):
 
     build: Callable[[Mapping[str, float]], Chain]
     """the bodies, of values of the parameters"""
+    meant_s: float = 0.0
+    """timestep of the model that it was read from [s]; 0: none"""
+
+    @property
+    def least_s(self) -> float:
+        return self.meant_s
 
     @property
     def chain(self) -> Chain:

@@ -312,7 +312,7 @@ def missed(plant: Plant, spans: Spans, forces: bool = False) -> float:
 def _without_forces(
     rest: Float[np.ndarray, "S X"], at: Float[np.ndarray, "S X"]
 ) -> Float[np.ndarray, "S X"]:
-    """What springs, friction and offsets of the joints leave, in states `at` in which they act.
+    """The rest of changes without that of springs, friction and offsets of joints, in states `at`.
 
     Those of all joints move each of them; of its own one alone where spans are few.
     """

@@ -118,8 +118,8 @@ class MujocoPlant(Plant):
         return float(self.model.opt.timestep)
 
     @property
-    def costly(self) -> bool:
-        return True
+    def least_s(self) -> float:
+        return self.timestep_s
 
     @property
     def rest(self) -> Float[np.ndarray, " X"]:

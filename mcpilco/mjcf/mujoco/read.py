@@ -36,8 +36,8 @@ def read_plant(path: str | Path, physics: Physics = "auto", keyframe: str = "") 
 
     Equations say an open chain of hinges and slides, on motors or servos, that stands on nothing;
     all else MuJoCo simulates itself. Of a free joint `<joint>_x_position` to
-    `<joint>_rz_velocity` are the columns, see `Layout`. Equations do not know where joints end:
-    see `spans_at_ends`.
+    `<joint>_rz_velocity` are the columns, see `Layout`. Whether a recorded machine touches what it
+    could touch, or where its joints end, `spans_touching` tells.
 
     Args:
         path: of the file.

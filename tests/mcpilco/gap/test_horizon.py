@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ import envs
 from mcpilco.gap.data import GapProblem
 from mcpilco.gap.horizon import followed
 from mcpilco.gap.thresholds import DATA
-from mcpilco.mjcf import MujocoPlant
+from mcpilco.mjcf import MujocoPlant, plant_of
 from mcpilco.plant import CATALOGUE, EffectInstance
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.pendulum import record
@@ -117,3 +119,25 @@ def test_by_equations_an_effect_may_be_quick() -> None:
     late = EffectInstance(CATALOGUE["sensor_delay"], "angle")
     larger, theta = model.grown(np.zeros(model.nuisances), late, [1e-4])
     assert larger.plausible(theta)
+
+
+@pytest.mark.parametrize("late_s", [0.004, 0.006])
+def test_equations_of_a_file_know_of_nothing_quicker_than_its_timestep(
+    late_s: float, tmp_path: Path
+) -> None:
+    path = tmp_path / "lever.xml"
+    path.write_text(
+        '<mujoco><option timestep="0.005"/><worldbody><body name="rod"><joint name="hinge" '
+        'axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.02"/></body>'
+        '</worldbody><actuator><motor name="motor" joint="hinge"/></actuator></mujoco>'
+    )
+    plant = plant_of(path)
+    u = np.repeat(np.random.default_rng(0).uniform(-0.5, 0.5, (20, 1)), 10, axis=0)
+    y = plant.simulate(plant.rest[None], u[None], 0.02)[0]
+    names = plant.layout.states, plant.layout.inputs
+    log = Recording("log", 0.02 * np.arange(len(y)), y, np.append(u, u[-1:], axis=0), *names)
+    problem = GapProblem.of(plant, [log], 0.01, (), {})
+    model = problem.model(problem.windows())
+    late = EffectInstance(CATALOGUE["actuator_lag"], plant.layout.actuator(0))
+    larger, theta = model.grown(np.zeros(model.nuisances), late, [late_s])
+    assert larger.plausible(theta) == (late_s > 0.005)

@@ -1,4 +1,4 @@
-"""Where recordings run into the ends of joints, and what `mcpilco gap` makes of it."""
+"""Where recorded machines touch something, and what `mcpilco gap` makes of it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 import mcpilco.gap
 from mcpilco.cli import main
-from mcpilco.mjcf import MujocoPlant, spans_at_ends
+from mcpilco.mjcf import MujocoPlant, spans_touching
 from mcpilco.plant import ChainPlant
 from mcpilco.typing import InputError
 
@@ -65,7 +65,7 @@ def logged(tmp_path: Path, states: np.ndarray, forces: np.ndarray) -> Path:
 def test_no_time_at_an_end_is_outside_of_the_spans(rail: Path) -> None:
     states, _ = moved(2.0)
     t = DT * np.arange(len(states))
-    spans = spans_at_ends(rail, t, {"rail": states[:, 0], "hinge": states[:, 2]})
+    spans = spans_touching(rail, t, {"rail": states[:, 0], "hinge": states[:, 2]})
     inside = np.any([(t > a) & (t < b) for a, b in spans], axis=0)
     stopped = np.abs(states[:, 0]) > 0.5
     assert stopped.any()
@@ -76,54 +76,91 @@ def test_no_time_at_an_end_is_outside_of_the_spans(rail: Path) -> None:
 def test_a_stop_between_two_samples_is_seen_by_the_speed_before_and_after(rail: Path) -> None:
     q = np.array([0.3, 0.38, 0.46, 0.44, 0.36, 0.28])  # it turned at 0.5, somewhere in between
     t = DT * np.arange(len(q))
-    assert spans_at_ends(rail, t, {"rail": q}) == ((t[1], t[4]),)
-    assert spans_at_ends(rail, t, {"rail": q - 0.05}) == ()
+    assert spans_touching(rail, t, {"rail": q}) == ((t[1], t[4]),)
+    assert spans_touching(rail, t, {"rail": q - 0.05}) == ()
+
+
+def test_a_body_touches_where_mujoco_has_a_contact(rail: Path) -> None:
+    floor = '<worldbody><geom type="plane" size="2 2 1" pos="0 0 -0.3"/>'
+    rail.write_text(RAIL.replace("<worldbody>", floor))
+    t = DT * np.arange(101)
+    lifted = np.linspace(0.0, 0.5 * np.pi, 101)  # the rod's end is 0.4 cos(angle) + 0.02 below it
+    ((begin, end),) = spans_touching(rail, t, {"rail": np.zeros(101), "hinge": lifted})
+    assert begin == 0.0
+    assert lifted[round(end / DT)] == pytest.approx(np.arccos(0.28 / 0.4), abs=0.04)
 
 
 def test_what_has_no_ends_or_was_not_recorded_is_at_none(rail: Path) -> None:
     t = DT * np.arange(50)
-    assert spans_at_ends(rail, t, {"hinge": 3.0 * t}) == ()
-    assert spans_at_ends(rail, t, {"rail": np.full(50, np.nan)}) == ()
+    assert spans_touching(rail, t, {"hinge": 3.0 * t}) == ()
+    assert spans_touching(rail, t, {"rail": np.full(50, np.nan)}) == ()
     with pytest.raises(InputError, match="must be an MJCF or a URDF file"):
-        spans_at_ends(rail.with_name("none.xml"), t, {})
+        spans_touching(rail.with_name("none.xml"), t, {})
+
+
+class AskedError(Exception):
+    """What would have been investigated."""
+
+
+@pytest.fixture
+def asked(rail: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The plant and the recording that the command would investigate."""
+
+    def investigate(plant, recordings, **how):
+        raise AskedError(plant, recordings)
+
+    def ask(states: np.ndarray, forces: np.ndarray, *more: str):
+        log, out = logged(tmp_path, states, forces), tmp_path / "out"
+        with pytest.raises(AskedError) as caught:
+            main(["gap", str(log), "--plant", str(rail), "--out", str(out), "--accept", *more])
+        plant, (recording,) = caught.value.args
+        return plant, recording
+
+    monkeypatch.setattr(mcpilco.gap, "investigate", investigate)
+    return ask
+
+
+def test_a_machine_above_a_table_that_it_never_touches_is_compared_by_equations(
+    rail: Path, asked, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = '<worldbody><geom type="plane" size="2 2 1" pos="0 0 {}"/>'
+    for height, kind in ((-1.0, ChainPlant), (-0.38, MujocoPlant)):
+        rail.write_text(RAIL.replace("<worldbody>", table.format(height)))
+        plant, recording = asked(*moved(0.2))
+        assert isinstance(plant, kind)
+        assert not recording.gaps
+    assert "100% of the recordings the machine touches" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("pushes", "more", "kind", "says"),
     [
         ((0.2, 0.0), (), ChainPlant, ""),
-        ((0.2, 2.0), (), ChainPlant, "Left out: in"),
-        ((6.0, 0.0), (), MujocoPlant, "% of the recordings a joint is at an end of its range"),
-        ((6.0, 0.0), ("--physics", "equations"), ChainPlant, "Left out: in"),
+        ((0.2, 2.0), (), ChainPlant, "has: left out."),
+        (
+            (6.0, 0.0),
+            (),
+            MujocoPlant,
+            "has: MuJoCo is taken.",
+        ),
+        ((6.0, 0.0), ("--physics", "equations"), ChainPlant, "has: kept."),
     ],
     ids=["never there", "now and then", "often", "often, and equations asked for"],
 )
-def test_equations_are_compared_between_the_ends_of_joints_and_mujoco_where_these_are_often(
+def test_equations_are_compared_where_nothing_is_touched_and_mujoco_where_that_is_rare(
     pushes: tuple[float, float],
     more: tuple[str, ...],
     kind: type,
     says: str,
-    rail: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    asked,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    class AskedError(Exception):
-        """What would have been investigated."""
-
-    def investigate(plant, recordings, **how):
-        raise AskedError(plant, recordings)
-
-    monkeypatch.setattr(mcpilco.gap, "investigate", investigate)
     states, forces = moved(*pushes)
-    log, out = logged(tmp_path, states, forces), tmp_path / "out"
-    with pytest.raises(AskedError) as asked:
-        main(["gap", str(log), "--plant", str(rail), "--out", str(out), "--accept", *more])
-    plant, (recording,) = asked.value.args
+    plant, recording = asked(states, forces, *more)
     assert isinstance(plant, kind)
     said = capsys.readouterr().err
-    assert (says in said) if says else ("range" not in said)
-    assert bool(recording.gaps) == (kind is ChainPlant and bool(says))
+    assert (says in said) if says else ("touches" not in said)
+    assert bool(recording.gaps) == ("left out" in says)
     if recording.gaps:
         beyond = np.abs(states[:, 0]) > 0.5
         assert np.isnan(recording.states[beyond]).all()
