@@ -150,9 +150,9 @@ class Gap(options.Command):
         from mcpilco.recordings import read_for_plant
 
         auto = physics == "auto" and options.is_model(self.plant) and not self.keyframe
-        try:  # what could touch something may never do so
-            how = {"physics": "equations" if auto else physics, "keyframe": self.keyframe}
-            nominal = plant_named("--plant", self.plant, **how)
+        first: Physics = "equations" if auto else physics  # what could touch may never do so
+        try:
+            nominal = plant_named("--plant", self.plant, physics=first, keyframe=self.keyframe)
         except InputError:
             if not auto:
                 raise
