@@ -38,8 +38,8 @@ FILES = (
     INTERRUPTED,
 )
 """that the command writes"""
-KEPT = 0.5
-"""part of recordings in which nothing is touched from which on equations are enough [-]"""
+MOST_LOST = 0.5
+"""part of recordings that equations may leave out, since something is touched there [-]"""
 REMEDY = "name another folder, or pass --overwrite"
 """where one is there already"""
 
@@ -167,12 +167,11 @@ class Gap(options.Command):
         )
         if options.is_model(self.plant):
             if not plant.timestep_s:
-                free = [self._touching_nothing(plant, one) for one in recordings]
-                kept = sum(map(_followed_s, free)) / max(sum(map(_followed_s, recordings)), 1e-9)
-                enough = kept >= KEPT
-                if kept < 1.0:
+                free, lost = self._touching_nothing(plant, recordings)
+                enough = lost <= MOST_LOST
+                if lost:
                     said = "left out" if enough else "MuJoCo is taken" if auto else "kept"
-                    where = f"In {1.0 - kept:.0%} of the recordings the machine touches something"
+                    where = f"In {lost:.0%} of the recordings the machine touches something"
                     print(f"{where}, which no equation has: {said}.", file=sys.stderr)
                 if auto and not enough:
                     return self._read("mujoco")
@@ -182,13 +181,19 @@ class Gap(options.Command):
             print(note, file=sys.stderr)
         return nominal, plant, recordings
 
-    def _touching_nothing(self, plant: Plant, recording: Recording) -> Recording:
-        """A recording with gaps where bodies of the file touch, or a joint is at an end."""
+    def _touching_nothing(
+        self, plant: Plant, recordings: Sequence[Recording]
+    ) -> tuple[list[Recording], float]:
+        """Recordings with gaps where bodies touch or joints are at ends, and the part so lost."""
         from mcpilco.mjcf import spans_touching
 
-        positions = dict(zip(plant.layout.joints, recording.states[:, 0::2].T, strict=True))
-        spans = spans_touching(self.plant, recording.time, positions)
-        return recording.without(spans) if spans else recording
+        free = []
+        for one in recordings:
+            positions = dict(zip(plant.layout.joints, one.states[:, 0::2].T, strict=True))
+            spans = spans_touching(self.plant, one.time, positions)
+            free.append(one.without(spans) if spans else one)
+        before, left = (sum(map(_followed_s, each)) for each in (recordings, free))
+        return free, 1.0 - left / before if before else 0.0
 
     def _write_mjcf(self, gap: Investigated, nominal: Plant) -> list[str]:
         """The corrected model, where it can be written; says what MJCF cannot say of it."""

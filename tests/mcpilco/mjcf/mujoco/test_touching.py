@@ -126,7 +126,8 @@ def test_a_machine_above_a_table_that_it_never_touches_is_compared_by_equations(
     table = '<worldbody><geom type="plane" size="2 2 1" pos="0 0 {}"/>'
     for height, kind in ((-1.0, ChainPlant), (-0.38, MujocoPlant)):
         rail.write_text(RAIL.replace("<worldbody>", table.format(height)))
-        plant, recording = asked(*moved(0.2))
+        states, forces = moved(0.2)
+        plant, recording = asked(states, forces)
         assert isinstance(plant, kind)
         assert not recording.gaps
     assert "100% of the recordings the machine touches" in capsys.readouterr().err
@@ -164,3 +165,12 @@ def test_equations_are_compared_where_nothing_is_touched_and_mujoco_where_that_i
     if recording.gaps:
         beyond = np.abs(states[:, 0]) > 0.5
         assert np.isnan(recording.states[beyond]).all()
+
+
+def test_recordings_that_are_too_short_to_be_followed_are_not_told_to_touch_something(
+    asked, capsys: pytest.CaptureFixture[str]
+) -> None:
+    states, forces = moved(0.2)
+    plant, _ = asked(states[:50], forces[:50])
+    assert isinstance(plant, ChainPlant)
+    assert "touches" not in capsys.readouterr().err
