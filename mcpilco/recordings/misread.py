@@ -320,13 +320,16 @@ def _without_forces(
     Those of all joints move each of them; of its own one alone where spans are few.
     """
     q, v = at[:, 0::2], at[:, 1::2]
-    joints, left = np.arange(q.shape[1]), np.empty_like(rest)
-    for x in range(rest.shape[1]):
-        some = joints if 2 * (1 + 3 * len(joints)) <= len(q) else joints[[x // 2]]
-        D = np.column_stack([np.ones(len(q)), q[:, some], v[:, some], np.sign(v[:, some])])
-        found = D @ np.linalg.lstsq(D, rest[:, x], rcond=None)[0]
-        left[:, x] = (rest[:, x] - found) / math.sqrt(max(1.0 - D.shape[1] / len(D), 1e-12))
-    return left
+
+    def left(changes: Float[np.ndarray, "S _"], of: slice) -> Float[np.ndarray, "S _"]:
+        D = np.column_stack([np.ones(len(q)), q[:, of], v[:, of], np.sign(v[:, of])])
+        found = D @ np.linalg.lstsq(D, changes, rcond=None)[0]
+        return (changes - found) / math.sqrt(max(1.0 - D.shape[1] / len(D), 1e-12))
+
+    if 2 * (1 + 3 * q.shape[1]) <= len(q):
+        return left(rest, slice(None))
+    own = (slice(j, j + 1) for j in range(q.shape[1]))
+    return np.hstack([left(rest[:, 2 * j.start : 2 * j.stop], j) for j in own])
 
 
 def readings(plant: Plant, spans: Spans) -> Iterator[tuple[str, Spans]]:
