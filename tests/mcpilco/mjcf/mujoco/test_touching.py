@@ -99,7 +99,7 @@ def test_what_has_no_ends_or_was_not_recorded_is_at_none(rail: Path) -> None:
 
 
 class AskedError(Exception):
-    """What would have been investigated."""
+    """It carries the plant and the recordings that would have been investigated."""
 
 
 @pytest.fixture
