@@ -14,7 +14,7 @@ from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_model, nearer, on_windows, weighed_anew
 from mcpilco.gap.learned_force import best_force
-from mcpilco.gap.plant_model import PlantModel, Theta
+from mcpilco.gap.plant_model import PerWindow, PlantModel, Theta
 from mcpilco.gap.posterior import Considered, intervals, lasting, member
 from mcpilco.gap.screen import bounded
 from mcpilco.gap.search import SearchResult, Tried, shrunk, without
@@ -105,25 +105,24 @@ def _taken_out(best: Fit, instance: EffectInstance, null: Fit) -> tuple[PlantMod
 def slight_effects(best: Fit, null: Fit, windows: Windows) -> list[EffectInstance]:
     """The effects that change motions less than the error does that parameters are told to have.
 
-    Where a simulation stands for a machine, an integrator of first order acts like drag, inertia
-    and lags of sensors of that size.
+    Where a simulation stands for a machine, an integrator of first order acts like effects of that
+    size. Both changes are simulated: behind impacts a linear form makes far more of an error.
     """
     if not best.model.effects:
         return []
-    lin = best.linearised(windows)
-    priors = np.array([*null.model.priors.values()])
+    lin, priors = best.linearised(windows), np.array([*null.model.priors.values()])
     told = np.where(np.isfinite(priors), np.minimum(priors, DATA.uncertainty), 0.0)
-    wrong = np.square(lin.cleaned(lin.Jp[..., : len(told)]) * told).sum(axis=1)
-    weight = bounded(wrong.max(axis=1, initial=0.0))
-    least = VERDICT.slight**2 * (weight @ wrong).max(initial=0.0)
 
-    def moved(instance: EffectInstance) -> float:
-        model, theta = _taken_out(best, instance, null)
+    def moved(model: PlantModel, theta: Theta) -> PerWindow:
         y = run(model, windows, theta[None], best.x0[None])[0]
-        change = lin.cleaned((residual(windows, y) - lin.r)[..., None])
-        return float(weight @ np.square(change).sum(axis=(1, 2)))
+        return np.square(lin.cleaned((residual(windows, y) - lin.r)[..., None])).sum(axis=(1, 2))
 
-    return [instance for instance in best.model.effects if moved(instance) < least]
+    errors = np.diag(told)[told > 0.0] @ np.eye(len(told), len(best.theta))
+    wrong = np.array([np.zeros(len(windows)), *(moved(best.model, best.theta + e) for e in errors)])
+    weight = bounded(wrong.max(axis=0))
+    least = VERDICT.slight**2 * (wrong @ weight).max()
+    by_effect = {each: moved(*_taken_out(best, each, null)) for each in best.model.effects}
+    return [each for each, change in by_effect.items() if weight @ change < least]
 
 
 def uncertain_effects(fit: Fit, windows: Windows, considered: Considered) -> list[EffectInstance]:

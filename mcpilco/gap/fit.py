@@ -395,30 +395,25 @@ def weighed_anew(fit: Fit, windows: Windows) -> Fit:
     return replace(fit, by_window=misfits(fit.model, windows, fit.theta, fit.x0))
 
 
-def likelier_clock(problems: Sequence[GapProblem], fit: Fit | None = None) -> GapProblem:
-    """The problem whose commands a model fits better; those of a clock where it is hard to tell.
+def likeliest(problems: Sequence[GapProblem], fit: Fit | None = None) -> GapProblem:
+    """The first problem, or that of another origin of the recordings which fits surely better.
 
-    A millisecond by which a command acts late shows. What a model lacks hides it, so the best one
-    is asked again.
-
-    Args:
-        problems: one, or the same with the commands as stamped and as a clock sent them.
-        fit: of the model that is asked; by default the nominal plant.
+    A millisecond shows. What a model lacks hides it, so that of `fit` is asked, or the nominal one.
     """
     if len(problems) == 1:
         return problems[0]
-    stamped, clocked = (_log_misfits(replace(p, std=problems[0].std), fit) for p in problems)
-    apart = stamped - clocked
-    surely = apart.mean() < -DATA.clock_errors * apart.std() / np.sqrt(len(apart))
-    return problems[0] if surely else problems[1]
+    first, *others = [_log_misfits(replace(p, std=problems[0].std), fit) for p in problems]
+    fewer = [first - other for other in others]
+    gains = [f.mean() - DATA.told_errors * f.std() / np.sqrt(len(f)) for f in fewer]
+    return problems[1 + int(np.argmax(gains))] if max(gains) > 0.0 else problems[0]
 
 
 def _log_misfits(problem: GapProblem, fit: Fit | None) -> PerWindow:
     """Log misfit of each window of a model that is fitted to them."""
-    windows = problem.windows()[:: DATA.clock_every]
-    model = fit.model if fit else problem.model(windows)
+    windows = problem.windows()[:: DATA.told_every]
+    model = replace(fit.model, plant=problem.plant) if fit else problem.model(windows)
     theta = fit.theta if fit else np.zeros(model.nuisances)
     windows = truncated(model, windows, theta)
     x0 = fit_initial_states(model, windows, theta)
-    by_window = fit_model(model, windows, theta, x0, iterations=DATA.clock_iterations).by_window
+    by_window = fit_model(model, windows, theta, x0, iterations=DATA.told_iterations).by_window
     return np.log(np.maximum(by_window / np.maximum(windows.samples, 1), 1e-3))

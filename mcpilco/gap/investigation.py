@@ -38,7 +38,7 @@ from mcpilco.gap.disagreement import (
 from mcpilco.gap.fit import (
     Fit,
     fit_nominal,
-    likelier_clock,
+    likeliest,
     on_windows,
     refit,
     refit_nominal,
@@ -57,7 +57,7 @@ from mcpilco.recordings import (
     at_rest,
     distinct,
     misreadings,
-    possible_clocks,
+    possible_origins,
     require_plausible,
     unchanging,
     without_unpowered,
@@ -93,14 +93,14 @@ def investigate(
     Raises:
         InputError: the recordings do not fit the plant or one another, or look wrong.
     """
-    recordings, remarks = distinct([_thinned(recording) for recording in recordings])
+    recordings, remarks = distinct([recording.thinned(DATA.compared_s) for recording in recordings])
     plant = plant.knowing(own_effects(effects))
     require_recordings_of(plant, recordings)
     recordings, off = without_unpowered(plant, recordings)
     remarks, told = remarks + off, noise or {}
     problems = [
-        followed(GapProblem.of(plant, timed, uncertainty, free, told, held_out), told)
-        for timed in possible_clocks(recordings)
+        followed(GapProblem.of(moved, timed, uncertainty, free, told, held_out), told)
+        for moved, timed in possible_origins(plant, recordings)
     ]
     problems = [replace(each, budget=problems[0].budget) for each in problems]  # both share one
     if at_rest(recordings, problems[0].std):
@@ -110,17 +110,20 @@ def investigate(
         require_plausible(doubts)
     doubts += unchanging(recordings)
     _tell("fit of the nominal plant")
-    problem = likelier_clock(problems)
+    problem = likeliest(problems)
     everything = problem.enough_windows()
     if len(everything) * problem.window_s < DATA.fewest_windows * DATA.window_s:
         why = f"{LONGER} {len(everything) * problem.window_s / DATA.window_s:.0f}. {MOVE}"
         return _too_poor(problem, why, remarks, doubts)
 
     explained = _explain_but_events(problem, everything)
-    if (likelier := likelier_clock(problems, explained.best)) is not problem:
-        hints, problem = explained.result.fits[: SEARCH.hints], likelier
+    if (likelier := likeliest(problems, explained.best)) is not problem:
+        found, problem = explained.result.fits[: SEARCH.hints], likelier
+        hints = [replace(f, model=replace(f.model, plant=problem.plant)) for f in found]
         explained = _explain_but_events(problem, problem.enough_windows(), hints)
     recordings = list(problem.recordings)
+    if problem.plant is not plant:
+        remarks = (*remarks, IN_STEPS.format(2e3 * recordings[0].earlier_s))
     _tell("search for pushes and contacts", explained.best)
     problem, explained, pushes, place = _leave_out_pushes(problem, explained)
     windows, masked = explained.windows, explained.masked
@@ -185,14 +188,9 @@ def investigate(
     )
 
 
-def _thinned(recording: Recording) -> Recording:
-    """At the rate at which motions are compared; the commands keep theirs."""
-    n = round(DATA.compared_s / recording.dt)
-    return recording.every_nth(n) if n > 1 else recording
-
-
 MOVE = "Record with `mcpilco record --policy excitation`, which moves a plant so that effects show."
 LONGER = f"Record longer: {DATA.fewest_windows} windows of one second are needed, there are"
+IN_STEPS = "It moves in timesteps of {:g} ms, as a simulator does; these are allowed for."
 AT_REST = f"Nothing moves: no position changes by more than its noise. {MOVE}"
 
 

@@ -75,8 +75,8 @@ def learned_of(fit: Fit) -> tuple[LearnedForce, ...]:
 
 
 def corrected(fit: Fit) -> Plant:
-    """The plant with the effects, parameters and learned forces of a fit."""
-    model, plant, theta = fit.model, fit.model.plant, fit.theta[None]
+    """The plant with the effects, parameters and learned forces of a fit, in no timesteps."""
+    model, plant, theta = fit.model, fit.model.plant.in_steps(0.0), fit.theta[None]
     parameters, _ = model.decode(theta)
     names = [parameter.name for parameter in plant.parameters]
     changed = {name: float(parameters[0, names.index(name)]) for name in model.priors}

@@ -153,9 +153,8 @@ def errors_are(gap: Gap) -> str:
 
 
 def _error(gap: Gap) -> dict[str, Any] | None:
-    if gap.comparison is None:
+    if (compared := gap.comparison) is None:
         return None
-    compared = gap.comparison
     names = "horizon_s", "nominal", "refit", "corrected", "noise_floor", "hidden", "channels"
     return {
         **{name: getattr(compared, name) for name in names},
@@ -243,8 +242,7 @@ def _errors(gap: Gap) -> list[str]:
         each = [f"{PLANTS[plant]} {part:.3g}" for plant, part in parts.items()]
         lines.append(f"Of {name}, in {units[name]}: {', '.join(each)}.")
     if gap.mended:
-        closing = f"The gap is closed by {closed_share(errors)}."
-        lines.append(HIDDEN if errors.hidden else closing)
+        lines.append(HIDDEN if errors.hidden else f"The gap is closed by {closed_share(errors)}.")
     return lines + _runaways(gap)
 
 
@@ -352,10 +350,8 @@ def three_digits(value: float) -> str:
 
 def verdict_sentence(gap: Gap) -> str:
     """The verdict as a sentence."""
-    several = len(gap.named) > 1
-    said = f"{len(gap.named)} effects are missing in the plant"
-    said = said if several else "an effect is missing in the plant"
-    said = _VERDICTS[gap.verdict].format(said)
+    missing = f"{len(gap.named)} effects are" if len(gap.named) > 1 else "an effect is"
+    said = _VERDICTS[gap.verdict].format(f"{missing} missing in the plant")
     if gap.comparison is not None and not gap.held_out:
         said = f"{said.rstrip('.')} ({IN_SAMPLE})."
     if not gap.suspicions:

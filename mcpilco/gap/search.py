@@ -30,6 +30,7 @@ from mcpilco.gap.fit import (
     misfits,
     nearer,
     on_windows,
+    recovered,
     refit,
     weighed_anew,
 )
@@ -421,6 +422,7 @@ def finish(tried: Tried) -> None:
     """Fits to the end what explains half as much as the best model, with as many effects.
 
     Where a simulation is dear fits end soon: a lag is preferred to a delay that has some way to go.
+    The best one's effects are tried in other sizes.
     """
     null, best = tried.bic(tried.null), tried.best()
     enough = SEARCH.as_much * (null - tried.bic(best))
@@ -428,6 +430,8 @@ def finish(tried: Tried) -> None:
     for fit in rivals[: SEARCH.refined]:
         if null - tried.bic(fit) >= enough:
             tried.keep(refit(fit, tried.windows))
+    for instance in tried.best().model.effects:
+        tried.keep(resized(tried.best(), instance, tried.windows, SEARCH.resized, anew=True))
 
 
 def confuse(tried: Tried) -> None:
@@ -544,7 +548,7 @@ def grow(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> Fit | Non
     near = None if fit.model.learned else lin
     fits = [fit_model(*start, iterations=4, hasty=True, near=near) for start in starts]
     best = min(fits, key=lambda each: each.chi2, default=None)
-    return enlarged(best, score.instance, windows) if best and best.model.plant.costly else best
+    return resized(best, score.instance, windows) if best and best.model.plant.costly else best
 
 
 def _begun(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> list[Start]:
@@ -569,21 +573,34 @@ def _begun(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> list[St
     return [begun[n][0] for n in order if np.log(begun[n][1]).sum() < least]
 
 
-def enlarged(fit: Fit, instance: EffectInstance, windows: Windows) -> Fit:
-    """The fit with an effect as large as the initial states allow that are fitted to its size.
+def resized(
+    fit: Fit,
+    instance: EffectInstance,
+    windows: Windows,
+    factors: Sequence[float] = SEARCH.resized[:1],
+    anew: bool = False,
+) -> Fit:
+    """The fit with an effect some times as large, as long as that misses less.
 
-    Behind an impact some windows answer to the least change of an effect beyond all proportion, and
-    hold its size where it is, though at twice the size all of them together are missed less.
+    Initial states are fitted to each size, and also `anew`. Behind an impact some windows answer to
+    the least change of an effect beyond all proportion, and hold its size where it is, though at
+    another all of them together are missed less.
     """
     robust = Robust.of(fit.by_window, windows.samples)
-    while True:
-        theta = fit.model.scaled(fit.theta, instance, SEARCH.enlarged)
-        x0 = improved_initial_states(fit.model, windows, theta, fit.x0, FIT.few)
-        larger = Fit(fit.model, theta, x0, misfits(fit.model, windows, theta, x0))
-        falls = robust.cost(larger.by_window) < robust.cost(fit.by_window)
-        if not falls or (theta == fit.theta).all():
-            return fit
-        fit = larger
+    for factor in factors:
+        while True:
+            theta = fit.model.scaled(fit.theta, instance, factor)
+            x0 = improved_initial_states(fit.model, windows, theta, fit.x0, FIT.few)
+            starts = x0, misfits(fit.model, windows, theta, x0)
+            if anew:
+                every = np.ones(len(windows), dtype=bool)
+                starts = recovered(fit.model, windows, theta, *starts, every)
+            other = Fit(fit.model, theta, *starts)
+            falls = robust.cost(other.by_window) < robust.cost(fit.by_window)
+            if not falls or (theta == fit.theta).all():
+                break
+            fit = other
+    return fit
 
 
 def without(fit: Fit, gone: Iterable[EffectInstance], windows: Windows, null: Fit) -> Fit:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from mcpilco.gap.investigation import investigate
 from mcpilco.gap.report import Gap
 from mcpilco.gap.thresholds import DATA
-from mcpilco.recordings import Recording
+from mcpilco.recordings import reduced
 
 Name = tuple[str, str]
 """an effect and its target"""
@@ -66,22 +65,10 @@ def repetitions(gap: Gap, **options: Any) -> Stability:
     """
     options = {**options, "held_out": gap.held_out}
     found = []
-    for without, left in parts(gap.recordings, gap.held_out):
+    for without, left in reduced(gap.recordings, gap.held_out, DATA.later_s):
         again = investigate(gap.plant, left, **options)
         found.append(Repetition(without, again.verdict, _names(again)))
     return Stability(tuple(found), _names(gap))
-
-
-def parts(
-    recordings: Sequence[Recording], held_out: Sequence[str]
-) -> Iterator[tuple[str, list[Recording]]]:
-    """Each part that is left out, by name, and the recordings without it."""
-    fitted = [each for each in recordings if each.name not in held_out]
-    for gone in fitted if len(fitted) > 1 else ():
-        yield gone.name, [each for each in recordings if each is not gone]
-    yield "every second sample", [each.every_nth(2) for each in recordings]
-    late = DATA.later_s
-    yield f"the first {late:g} s", [each.from_sample(round(late / each.dt)) for each in recordings]
 
 
 def _names(gap: Gap) -> tuple[Name, ...]:

@@ -50,12 +50,12 @@ class DataThresholds:
     """prior std of masses, lengths, base friction and gains over their values [-]; an option"""
     least_noise: float = 1e-4
     """least noise std over the std of a state's values [-]: integrators differ by as much"""
-    clock_every: int = 2
-    """one of so many windows decides when commands went out, for its cost"""
-    clock_iterations: int = 5
-    """of the fit that decides when commands went out"""
-    clock_errors: float = 2.0
-    """standard errors by which commands must fit better with samples' stamps than by a clock [-]"""
+    told_every: int = 2
+    """one of so many windows decides when commands went out and in what steps, for its cost"""
+    told_iterations: int = 5
+    """of the fit that decides this"""
+    told_errors: float = 2.0
+    """standard errors by which recordings must fit better that are told otherwise [-]"""
 
 
 @dataclass(frozen=True)
@@ -208,8 +208,9 @@ class SearchThresholds:
     """rounds that a search goes on without a better model"""
     begun: tuple[float, ...] = (4.0, 1.0, 0.25, 0.0625)
     """parts of the size by the linear response that are tried [-]: it errs where joints stick"""
-    enlarged: float = 2.0
-    """times the size that a fit ends at which is tried next where a simulation is dear [-]"""
+    resized: tuple[float, ...] = (2.0, 0.5, 1.41, 0.71, 1.19, 0.84)
+    """times the size that a fit ends at which are tried where a simulation is dear: the first for
+    each, all for the best model [-]"""
     starts: int = 2
     """of these, the best, from which an effect is fitted: a joint that sticks has several optima"""
     most_effects: int = 7

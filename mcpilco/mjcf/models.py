@@ -28,6 +28,7 @@ from mcpilco.plant import (
     ChainPlant,
     CommandRange,
     EffectInstance,
+    FirstOrder,
     Layout,
     Parameter,
     Servo,
@@ -191,8 +192,28 @@ def plant_of_model(model: mujoco.MjModel, path: Path) -> ChainPlant:
         base=base,
         masses={body: f"{body}_mass" for body in layout.bodies if masses[body] > 0.0},
         angles=tuple(2 * j for j, slides in enumerate(layout.slides) if not slides),
-        meant_s=float(model.opt.timestep),
+        file_timestep_s=float(model.opt.timestep),
+        integrator=_integrator(model),
     )
+
+
+def _integrator(model: mujoco.MjModel) -> FirstOrder | None:
+    """MuJoCo's, but for Runge and Kutta's, whose error is far below the first order.
+
+    Euler's takes the damping of joints at the end of a step and that of servos at its beginning.
+
+    Reference: MuJoCo documentation, Computation, "Numerical integration".
+    """
+    h, kind = float(model.opt.timestep), mujoco.mjtIntegrator(model.opt.integrator)
+    if kind == mujoco.mjtIntegrator.mjINT_RK4:
+        return None
+    euler = kind == mujoco.mjtIntegrator.mjINT_EULER
+    late = not euler or not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+    inertia = np.where(late, 0.5, -0.5) * h * model.dof_damping
+    for u, (j, _) in enumerate(model.actuator_trnid):
+        damping = -model.actuator_biasprm[u, 2] * model.actuator_gear[u, 0] ** 2
+        inertia[model.jnt_dofadr[j]] += (-0.5 if euler else 0.5) * h * damping
+    return FirstOrder(h, tuple(inertia.tolist()))
 
 
 def chain_of(model: mujoco.MjModel) -> Chain:

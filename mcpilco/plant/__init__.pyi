@@ -61,7 +61,7 @@ from .equations.step import (
     system_of,
     true_state,
 )
-from .plant import Base, ChainPlant, EffectInstance, Parameter, Plant
+from .plant import Base, ChainPlant, EffectInstance, FirstOrder, Parameter, Plant
 from .scales import priors_of, scales_of
 from .simulation.integrator import RUNAWAY, grid_place
 from .simulation.laws import joint_force, shaped
@@ -136,6 +136,7 @@ __all__ = [
     "DryFriction",
     "Effect",
     "EffectInstance",
+    "FirstOrder",
     "JointForce",
     "Layout",
     "LearnedForce",

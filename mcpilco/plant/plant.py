@@ -304,6 +304,13 @@ class Plant(ABC):
         """The same in so many times as short timesteps; itself where it chooses these by error."""
         return self
 
+    def in_steps(self, part: float = 1.0) -> Self:
+        """The same as the simulator of its file moves it, in a part of the file's timestep [-].
+
+        Of 0 it moves exactly. Itself where there is no such simulator, or one of a higher order.
+        """
+        return self
+
     def timesteps(
         self,
         start: Float[np.ndarray, "W X"],
@@ -395,22 +402,58 @@ class Plant(ABC):
 
 
 @dataclass(frozen=True)
+class FirstOrder:
+    """An integrator of first order, which moves positions by the velocities at the end of a step.
+
+    To first order in the timestep h its motion is the exact one of another machine: positions are
+    those of h / 2 later than velocities and commands, and a damping d that is taken at the end of a
+    step is inertia d h / 2 besides, or less by as much where it is taken at the beginning. What
+    forces of Coriolis do, which are taken at the beginning too, is left out.
+
+    Reference: Hairer, Lubich & Wanner, Geometric Numerical Integration (2006), sections I.1, IX.1.
+    """
+
+    timestep_s: float
+    """h [s]"""
+    inertia: tuple[float, ...]
+    """that damping is besides in each joint [kg or kg m^2]"""
+
+
+@dataclass(frozen=True)
 class ChainPlant(Plant):
     """A plant by its equations: an open chain of hinges and slides, compiled, with derivatives."""
 
     build: Callable[[Mapping[str, float]], Chain]
     """the bodies, of values of the parameters"""
-    meant_s: float = 0.0
-    """timestep of the model that it was read from [s]; 0: none"""
+    file_timestep_s: float = 0.0
+    """of the model that it was read from [s]; 0: none"""
+    integrator: FirstOrder | None = None
+    """of the simulator of that model, where it is one of first order"""
+    stepped: float = 0.0
+    """part of the timestep in which it moves as by that integrator [-], see `in_steps`"""
 
     @property
     def least_s(self) -> float:
-        return self.meant_s
+        return self.file_timestep_s
+
+    def in_steps(self, part: float = 1.0) -> Self:
+        return self if self.integrator is None else replace(self, stepped=part)
 
     @property
     def chain(self) -> Chain:
         """The bodies, with the nominal values."""
-        return self.build(self.values)
+        return self._built(self.values)
+
+    def _built(self, values: Mapping[str, float]) -> Chain:
+        """The bodies as they move, of values of the parameters."""
+        chain = self.build(values)
+        if not (self.stepped and self.integrator):
+            return chain
+        bodies = tuple(
+            replace(body, armature=body.armature + self.stepped * extra)
+            for body, extra in zip(chain.bodies, self.integrator.inertia, strict=True)
+        )
+        return replace(chain, bodies=bodies)
 
     @property
     def gains(self) -> list[float]:
@@ -429,7 +472,7 @@ class ChainPlant(Plant):
         everything = [base.active for base in self.base] + [a for a, _ in self.added] + [*actives]
         forces = [(a.effect, a.target) for a in everything if isinstance(a.effect, JointForce)]
         different, which = distinct_rows(parameters)  # most systems share their bodies
-        built = [self.build(dict(zip(names, row, strict=True))) for row in different]
+        built = [self._built(dict(zip(names, row, strict=True))) for row in different]
         chains = stack(built, which)
         tables = self._blank(chains, forces, S, grids, weights)
         rows = iter(range(len(forces)))

@@ -23,6 +23,7 @@ from .joints import (
 from .markers import MarkerRecording, marker_recording, read_markers, rotation, write_markers
 from .misread import at_rest, misreadings, require_plausible
 from .noise import NoiseFilter, Whitening, following
+from .origins import possible_origins
 from .reader import read_recording, read_recordings
 from .recording import (
     Recording,
@@ -30,7 +31,7 @@ from .recording import (
     distinct,
     divided,
     from_rollout,
-    possible_clocks,
+    reduced,
     runs,
     write_recording,
 )
@@ -92,7 +93,7 @@ __all__ = [
     "motion_cutoff",
     "noise_of",
     "noise_std",
-    "possible_clocks",
+    "possible_origins",
     "read_arm",
     "read_for_plant",
     "read_joint_recordings",
@@ -102,6 +103,7 @@ __all__ = [
     "read_robot",
     "read_series",
     "read_twice",
+    "reduced",
     "require_plausible",
     "rotation",
     "runs",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Self
@@ -81,6 +81,8 @@ class Recording:
     by_clock: Float[np.ndarray, "M U"] | None = None
     """inputs as they were if they went out by an even clock from which the stamps stray; None where
     there is no doubt"""
+    earlier_s: float = 0.0
+    """by how much before its sample each position is taken [s]"""
 
     def __post_init__(self) -> None:
         rows, width = len(self.time), (len(self.state_names), len(self.input_names))
@@ -171,6 +173,11 @@ class Recording:
             ),
         )
 
+    def thinned(self, dt: float) -> Recording:
+        """With samples about dt [s] apart, where they are closer; the inputs keep their rate."""
+        n = round(dt / self.dt)
+        return self.every_nth(n) if n > 1 else self
+
     @property
     def clocked(self) -> Recording:
         """With the inputs of an even clock, where there is doubt."""
@@ -178,6 +185,19 @@ class Recording:
             return self
         means = self.by_clock.reshape(len(self), -1, self.inputs.shape[1]).mean(axis=1)
         return replace(self, inputs=means, held=None if self.held is None else self.by_clock)
+
+    def earlier(self, seconds: float) -> Self:
+        """With positions as they were before, by their velocities, or where these lack by slopes.
+
+        A short time [s] is meant, over which a velocity lasts; 0 is as they were read.
+        """
+        if seconds == self.earlier_s:
+            return self
+        states, back = self.states.copy(), seconds - self.earlier_s
+        for q, v in self.velocities:
+            speed, slope = self.states[:, v], np.gradient(self.states[:, q], self.dt)
+            states[:, q] -= back * np.where(np.isfinite(speed), speed, slope)
+        return replace(self, states=states, earlier_s=seconds)
 
     @property
     def measured(self) -> Bool[np.ndarray, " X"]:
@@ -265,14 +285,6 @@ def from_rollout(name: str, rollout: Rollout, task: TaskSpec) -> Recording:
     )
 
 
-def possible_clocks(recordings: Sequence[Recording]) -> list[tuple[Recording, ...]]:
-    """The recordings, and where there is doubt, the same with commands that a clock sent out."""
-    stamped = tuple(recordings)
-    if all(recording.by_clock is None for recording in stamped):
-        return [stamped]
-    return [stamped, tuple(recording.clocked for recording in stamped)]
-
-
 def distinct(recordings: Sequence[Recording]) -> tuple[list[Recording], tuple[str, ...]]:
     """The recordings without those of the same content, and a sentence on each of these."""
     kept: list[Recording] = []
@@ -323,3 +335,18 @@ def divided(
     fits = after <= most
     first = int(np.argmax(fits)) if fits[-1] else -1
     return numbers[:first], numbers[first:]
+
+
+def reduced(
+    recordings: Sequence[Recording], held_out: Sequence[str], later_s: float
+) -> Iterator[tuple[str, list[Recording]]]:
+    """Each part that may be left out, by name, and the recordings without it.
+
+    It is a recording that is not held out, every second sample, or the first `later_s` [s].
+    """
+    fitted = [each for each in recordings if each.name not in held_out]
+    for gone in fitted if len(fitted) > 1 else ():
+        yield gone.name, [each for each in recordings if each is not gone]
+    yield "every second sample", [each.every_nth(2) for each in recordings]
+    begun = [each.from_sample(round(later_s / each.dt)) for each in recordings]
+    yield f"the first {later_s:g} s", begun

@@ -37,9 +37,9 @@ def spans_touching(
     """
     model = load_mjcf(Path(path), "the model of what touches must be an MJCF or a URDF file")
     names = [model.joint(j).name or f"joint{j}" for j in range(model.njnt)]
-    rows = {int(model.jnt_qposadr[j]): positions[n] for j, n in enumerate(names) if n in positions}
     qpos = np.tile(model.qpos0, (len(time), 1))
-    qpos[:, list(rows)] = np.stack([*rows.values()], axis=1).reshape(len(time), len(rows))
+    for at, name in zip(model.jnt_qposadr, names, strict=True):
+        qpos[:, at] = positions.get(name, qpos[:, at])
     there = np.zeros(len(time), dtype=bool)
     here = qpos[1:-1]
     for poses in (here, 2.0 * here - qpos[2:], 2.0 * here - qpos[:-2]):

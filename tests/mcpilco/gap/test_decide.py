@@ -33,6 +33,7 @@ from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal
 from mcpilco.gap.plant_model import GridForce, PlantModel
 from mcpilco.gap.posterior import lasting
 from mcpilco.gap.search import SearchResult
+from mcpilco.gap.sensitivities import run
 from mcpilco.gap.thresholds import SEARCH, VERDICT
 from mcpilco.plant import CATALOGUE, Axis, EffectInstance
 from tests.mcpilco.gap.pendulum import Force, Outside, dry_friction, record
@@ -77,12 +78,30 @@ def judging(nominal: PlantModel, windows: Windows, effects: list[EffectInstance]
 
 
 def test_a_window_that_runs_away_makes_no_effect_slight(
-    rubbing: tuple[PlantModel, Windows],
+    rubbing: tuple[PlantModel, Windows], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Near an unstable rest a hundredth of a mass leads a motion anywhere."""
     nominal, windows = rubbing
     null, best = (with_effects(nominal, windows, each) for each in ([], [FRICTION]))
-    best.linearised(windows).Jp[0] *= 1e4
+    fitted = run(best.model, windows, best.theta[None], best.x0[None])
+
+    def far(model: PlantModel, some: Windows, theta: np.ndarray, x0: np.ndarray) -> np.ndarray:
+        y = run(model, some, theta, x0)
+        if len(model.effects):  # the mass is changed
+            y[0, 0] += 100.0 * (y[0, 0] - fitted[0, 0])
+        return y
+
+    monkeypatch.setattr("mcpilco.gap.decide.run", far)
+    assert slight_effects(best, null, windows) == []
+
+
+def test_errors_of_parameters_count_by_what_they_do_and_not_by_their_slopes(
+    rubbing: tuple[PlantModel, Windows],
+) -> None:
+    """Behind an impact a slope is tens of times as steep as what an error of 1 % does."""
+    nominal, windows = rubbing
+    null, best = (with_effects(nominal, windows, each) for each in ([], [FRICTION]))
+    best.linearised(windows).Jp[:] *= 1e4
     assert slight_effects(best, null, windows) == []
 
 

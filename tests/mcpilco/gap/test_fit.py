@@ -13,13 +13,13 @@ from mcpilco.gap.fit import (
     Fit,
     fit_initial_states,
     fit_model,
-    likelier_clock,
+    likeliest,
     misfits,
 )
 from mcpilco.gap.thresholds import FIT
 from mcpilco.mjcf import MujocoPlant
 from mcpilco.plant import CATALOGUE, EffectInstance, Plant
-from mcpilco.recordings import Recording, possible_clocks
+from mcpilco.recordings import Recording, possible_origins
 from tests.mcpilco.gap.pendulum import record
 from tests.mcpilco.gap.test_sensitivities import FALLING, hopping
 
@@ -64,14 +64,14 @@ def stamped(machine: Plant, by_clock: bool) -> Recording:
 
 
 def problems_of(machine: Plant, by_clock: bool) -> list[GapProblem]:
-    told = possible_clocks([stamped(machine, by_clock)])
-    return [GapProblem.of(envs.PLANTS["mcpilco/Pendulum-v0"](), r, 0.01, (), {}) for r in told]
+    origins = possible_origins(envs.PLANTS["mcpilco/Pendulum-v0"](), [stamped(machine, by_clock)])
+    return [GapProblem.of(plant, recordings, 0.01, (), {}) for plant, recordings in origins]
 
 
 @pytest.mark.parametrize("by_clock", [True, False])
 def test_the_motion_tells_when_commands_went_out(by_clock: bool) -> None:
     sent = problems_of(envs.PLANTS["mcpilco/Pendulum-v0"](), by_clock)
-    assert likelier_clock(sent) is sent[by_clock]
+    assert likeliest(sent) is sent[not by_clock]
 
 
 def test_a_model_that_fits_tells_what_a_missing_effect_hides() -> None:
@@ -81,12 +81,7 @@ def test_a_model_that_fits_tells_what_a_missing_effect_hides() -> None:
     nominal = sent[0].model(sent[0].windows())
     model, theta = nominal.grown(np.zeros(nominal.nuisances), friction, (0.15, 2e-3))
     known = Fit(model, theta, np.zeros((0, 2)), np.zeros(0))
-    assert likelier_clock(sent, known) is sent[0]
-
-
-def test_without_doubt_there_is_one_timing() -> None:
-    recording = replace(stamped(envs.PLANTS["mcpilco/Pendulum-v0"](), True), by_clock=None)
-    assert possible_clocks([recording]) == [(recording,)]
+    assert likeliest(sent, known) is sent[1]
 
 
 def test_a_linear_form_that_is_kept_leads_to_the_same_fit(monkeypatch) -> None:

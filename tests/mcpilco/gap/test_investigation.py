@@ -20,8 +20,8 @@ from mcpilco.gap.disturbance import Evidence
 from mcpilco.gap.fit import fit_nominal
 from mcpilco.gap.report import summary, to_json
 from mcpilco.gap.search import SearchResult
-from mcpilco.mjcf import mjcf_of_plant
-from mcpilco.plant import Spread
+from mcpilco.mjcf import mjcf_of_plant, plant_of
+from mcpilco.plant import Plant, Spread
 from mcpilco.recordings import Recording, write_recording
 from mcpilco.typing import InputError
 from tests.mcpilco.gap.pendulum import STD, dry_friction, hidden, record
@@ -49,6 +49,54 @@ def test_a_hidden_friction_is_named_with_its_size(found: Gap) -> None:
     assert size.low < HIDDEN_FRICTION < size.high
     assert found.comparison is not None
     assert found.comparison.closed.value > 0.8
+
+
+SERVOS = """
+<mujoco><option integrator="implicitfast" timestep="0.004"/><worldbody><body name="upper">
+  <joint name="shoulder" axis="0 1 0" damping="0.2" armature="0.01"/>
+  <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.03" mass="1.5"/>
+  <body name="lower" pos="0 0 -0.3">
+    <joint name="elbow" axis="0 1 0" damping="0.1" armature="0.01"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.25" size="0.025" mass="0.8"/>
+  </body></body></worldbody>
+  <actuator><position joint="shoulder" kp="40" kv="4"/><position joint="elbow" kp="15" kv="1"/>
+  </actuator></mujoco>
+"""
+FORGOTTEN = 1.3
+"""times as heavy is the lower link"""
+
+
+def simulated(plant: Plant, number: int, step_s: float) -> Recording:
+    """Five seconds of the arm with its heavy link, by a plain loop of mj_step."""
+    model, rng = mujoco.MjModel.from_xml_string(SERVOS), np.random.default_rng([5, number])
+    model.opt.timestep = step_s
+    model.body_mass[2] *= FORGOTTEN
+    model.body_inertia[2] *= FORGOTTEN
+    data, time = mujoco.MjData(model), 0.02 * np.arange(250)
+    tones, sizes, phases = (rng.uniform(*r, (3, 2)) for r in ((0.2, 1.5), (0.2, 0.5), (0.0, 6.0)))
+    waves = np.sin(2.0 * np.pi * tones * time[:, None, None] + phases)
+    targets, states = (sizes * waves).sum(axis=1), np.zeros((250, 4))
+    for k, target in enumerate(targets):
+        states[k] = np.stack([data.qpos, data.qvel], axis=1).ravel()
+        data.ctrl[:] = target
+        mujoco.mj_step(model, data, round(0.02 / step_s))
+    states += rng.standard_normal(states.shape) * [1e-3, 2e-2, 1e-3, 2e-2]
+    names, pairs = (plant.layout.states, plant.layout.inputs), ((0, 1), (2, 3))
+    return Recording(f"run{number}", time, states, targets, *names, velocities=pairs)
+
+
+@pytest.mark.parametrize("step_s", [4e-3, 1e-3])
+def test_the_timesteps_of_a_simulator_are_no_missing_mass(tmp_path: Path, step_s: float) -> None:
+    """In those of 4 ms the exact equations lack 0.236 kg, and not the 0.24 that are hidden."""
+    (tmp_path / "arm.xml").write_text(SERVOS)
+    plant = plant_of(tmp_path / "arm.xml")
+    gap = investigate(plant, [simulated(plant, number, step_s) for number in range(4)])
+    (named,) = gap.named
+    assert (named.name, named.target) == ("body_mass", "lower")
+    hidden = (FORGOTTEN - 1.0) * 0.8
+    assert named.parameters["m_d"].value == pytest.approx(hidden, abs=1.5e-3)
+    assert f"in timesteps of {1e3 * step_s:g} ms" in " ".join(gap.remarks)
+    assert gap.corrected.in_steps(0.0) == gap.corrected != gap.corrected.in_steps()
 
 
 def test_the_spread_is_around_the_corrected_plant_and_as_wide_as_the_intervals(found: Gap) -> None:
@@ -318,8 +366,8 @@ def test_where_the_commands_went_out_otherwise_the_search_begins_with_what_was_f
         return begun[-1][1]
 
     monkeypatch.setattr(investigation, "search", spied)
-    monkeypatch.setattr(investigation, "possible_clocks", lambda some: [some, some])
-    monkeypatch.setattr(investigation, "likelier_clock", lambda each, fit=None: each[bool(fit)])
+    monkeypatch.setattr(investigation, "possible_origins", lambda *given: 2 * [given])
+    monkeypatch.setattr(investigation, "likeliest", lambda each, fit=None: each[bool(fit)])
     investigate(PLANT(), measured)
     (first, result), (then, _) = begun
     assert first == ()

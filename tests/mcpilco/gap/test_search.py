@@ -21,9 +21,9 @@ from mcpilco.gap.search import (
     _next,
     _reconsider,
     confuse,
-    enlarged,
     finish,
     grow,
+    resized,
     search,
     without,
 )
@@ -131,9 +131,23 @@ def test_an_effect_is_enlarged_until_more_is_missed(
     model, theta = model.grown(theta, FRICTION, [0.01, 2e-3])
     x0 = fit_initial_states(model, windows, theta)
     slight = Fit(model, theta, x0, misfits(model, windows, theta, x0))
-    larger = enlarged(slight, FRICTION, windows)
+    larger = resized(slight, FRICTION, windows)
     assert dict(model.effect_values(larger.theta[None]))[FRICTION][0, 0] == pytest.approx(0.08)
-    assert enlarged(larger, FRICTION, windows) is larger
+    assert resized(larger, FRICTION, windows) is larger
+
+
+@pytest.mark.parametrize("begun", [0.01, 0.5])
+def test_the_sizes_of_a_search_lead_to_the_right_one_from_either_side(
+    lagging: tuple[GapProblem, Windows, Fit], begun: float
+) -> None:
+    _, windows, null = lagging
+    model, theta = null.model.grown(np.zeros(null.model.nuisances), LAG, [0.08])
+    model, theta = model.grown(theta, FRICTION, [begun, 2e-3])
+    far = Fit(model, theta, null.x0, misfits(model, windows, theta, null.x0))
+    found = resized(far, FRICTION, windows, SEARCH.resized, anew=True)
+    assert dict(model.effect_values(found.theta[None]))[FRICTION][0, 0] == pytest.approx(
+        0.1, rel=0.15
+    )
 
 
 def test_two_effects_are_told_as_the_one_that_they_make() -> None:

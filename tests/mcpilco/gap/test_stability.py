@@ -10,46 +10,12 @@ import pytest
 
 from envs.plants import pendulum
 from mcpilco.gap import investigate, repetitions
-from mcpilco.gap.stability import Repetition, Stability, parts
+from mcpilco.gap.stability import Repetition, Stability
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.pendulum import dry_friction, record
+from tests.mcpilco.recordings.test_recording import ten_seconds
 
 BRAKE, CABLE = ("coulomb_friction", "pendulum"), ("spring", "pendulum")
-
-
-def recording(name: str, samples: int = 200) -> Recording:
-    """Ten seconds of a pendulum that is read every twentieth of one, driven twice as often."""
-    held = np.arange(2.0 * samples)[:, None]
-    return Recording(
-        name=name,
-        time=0.05 * np.arange(samples),
-        states=np.stack([np.arange(samples), np.zeros(samples)], axis=1),
-        inputs=held.reshape(samples, 2, 1).mean(axis=1),
-        state_names=("angle", "velocity"),
-        input_names=("torque",),
-        gaps=((0.2, 0.4), (1.0, 2.0)),
-        held=held,
-    )
-
-
-def test_each_part_lacks_something_and_keeps_what_is_held_out():
-    names = ["one", "two", "three"]
-    found = dict(parts([recording(name) for name in names], ["three"]))
-    assert list(found) == ["one", "two", "every second sample", "the first 0.5 s"]
-    assert [each.name for each in found["one"]] == ["two", "three"]
-    assert [len(each) for each in found["every second sample"]] == [100] * 3
-    assert [len(each) for each in found["the first 0.5 s"]] == [190] * 3
-    assert len(dict(parts([recording("alone")], []))) == 2
-
-
-def test_what_begins_later_has_its_own_samples_inputs_and_gaps():
-    whole = recording("one")
-    later = whole.from_sample(10)
-    np.testing.assert_array_equal(later.states, whole.states[10:])
-    np.testing.assert_array_equal(later.driven(2), whole.driven(2)[20:])
-    np.testing.assert_allclose(later.gaps, [(0.5, 1.5)])
-    assert later.time[0] == 0.0
-    assert later.every == whole.every
 
 
 def test_names_are_counted_those_of_everything_first():
@@ -77,7 +43,7 @@ def test_repetitions_are_asked_as_the_first_time(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("mcpilco.gap.stability.investigate", asking)
     first: Any = SimpleNamespace(
         plant="plant",
-        recordings=tuple(recording(name) for name in "abc"),
+        recordings=tuple(ten_seconds(name) for name in "abc"),
         held_out=("c",),
         named=[SimpleNamespace(name=BRAKE[0], target=BRAKE[1])],
     )

@@ -194,6 +194,47 @@ def test_mujocos_own_steps_come_closer_in_proportion_to_their_length(plant_from)
     assert errors[1] / errors[2] == pytest.approx(2.0, rel=0.1)
 
 
+PENDULUM = """<mujoco><compiler angle="radian"/>
+  <option integrator="{how}" timestep="{step}">{flags}</option><worldbody><body>
+  <joint name="j" axis="0 1 0" damping="0.2"/>
+  <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.03" mass="1" contype="0" conaffinity="0"/>
+  </body></worldbody><actuator>
+  <position name="p" joint="j" kp="3" kv="0.15" gear="2"/></actuator></mujoco>"""
+EXPLICIT = '<flag eulerdamp="disable"/>'
+
+
+@pytest.mark.parametrize(
+    ("how", "flags", "damping"),
+    [
+        ("implicitfast", "", 0.2 + 0.6),
+        ("implicit", "", 0.2 + 0.6),
+        ("Euler", "", 0.2 - 0.6),
+        ("Euler", EXPLICIT, -0.2 - 0.6),
+    ],
+)
+def test_a_pendulum_in_steps_is_mujocos_to_second_order(plant_from, how, flags, damping):
+    """Positions are half a step late, and the damping of joint and servo is inertia."""
+    inputs, errors = commands(25)[:, :1], []
+    for h in (4e-3, 2e-3):
+        text = PENDULUM.format(how=how, step=h, flags=flags)
+        plant = plant_from(text)
+        assert plant.in_steps().integrator.inertia == pytest.approx((0.5 * h * damping,))
+        expected = stepped(text, START[:2], inputs, 0.02, h, how.upper())
+        plain = plant.simulate(START[None, :2], inputs[None], 0.02)[0] - expected
+        expected[:, 0] -= 0.5 * h * expected[:, 1]
+        left = plant.in_steps().simulate(expected[None, 0], inputs[None], 0.02)[0] - expected
+        errors.append(np.abs([plain, left]).max(axis=1))
+    np.testing.assert_allclose(errors[0][0] / errors[1][0], 2.0, rtol=0.1)
+    np.testing.assert_allclose(errors[0][1] / errors[1][1], 4.0, rtol=0.1)
+    assert (errors[1][1] < 0.05 * errors[1][0]).all()
+    assert plant.in_steps().in_steps(0.0).chain == plant.chain != plant.in_steps().chain
+
+
+def test_runge_and_kuttas_steps_make_no_difference(plant_from):
+    plant = plant_from(PENDULUM.format(how="RK4", step=4e-3, flags=""))
+    assert plant.in_steps() is plant
+
+
 def test_parameters_are_those_of_the_model(plant_from):
     """Each of them changed in the plant, and in the file."""
     changed = (
