@@ -548,7 +548,9 @@ def grow(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> Fit | Non
     near = None if fit.model.learned else lin
     fits = [fit_model(*start, iterations=4, hasty=True, near=near) for start in starts]
     best = min(fits, key=lambda each: each.chi2, default=None)
-    return resized(best, score.instance, windows) if best and best.model.plant.costly else best
+    if best is None or not best.model.plant.costly:
+        return best
+    return resized(best, score.instance, windows, anew=not best.model.plant.timestep_s)
 
 
 def _begun(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> list[Start]:
@@ -582,9 +584,9 @@ def resized(
 ) -> Fit:
     """The fit with an effect some times as large, as long as that misses less.
 
-    Initial states are fitted to each size, and also `anew`. Behind an impact some windows answer to
-    the least change of an effect beyond all proportion, and hold its size where it is, though at
-    another all of them together are missed less.
+    Initial states are fitted to each size, and also `anew`. Behind an impact, or where a model is
+    far off, some windows answer to the least change of an effect beyond all proportion, and hold
+    its size where it is, though at another all of them together are missed less.
     """
     robust = Robust.of(fit.by_window, windows.samples)
     for factor in factors:
