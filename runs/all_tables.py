@@ -260,7 +260,13 @@ TABLES = (
         again="models",
     ),
     Table("mujoco_plants", "results/speed/*.json", ("run:throughput",), seeded=False),
-    Table("mujoco_plants", "results/study/*.json", ("study:tried",), ":100", again=f"study {SEED}"),
+    Table(
+        "mujoco_plants",
+        "results/study/*.json",
+        ("study:tried",),
+        "0:100,1000:1489,5000:5048",
+        again=f"study {SEED}",
+    ),
     Table(
         "mujoco_plants",
         "results/sysid/*.json",

@@ -3,7 +3,7 @@
 python runs/mujoco_plants/run.py models        # every MJCF of three packages, equal to mj_step?
 python runs/mujoco_plants/run.py throughput    # beside a plain loop of mj_step, mujoco.rollout
 python runs/mujoco_plants/run.py study --seeds 1000:1060   # hidden effects in others' models
-python runs/mujoco_plants/run.py study --seeds 5000:5040   # in arms for which nothing was developed
+python runs/mujoco_plants/run.py study --seeds 5048:5088   # in arms for which nothing was developed
 python runs/mujoco_plants/run.py sysid --seeds 100:120     # beside mujoco.sysid, on its tutorial
 """
 
