@@ -213,7 +213,7 @@ EXPLICIT = '<flag eulerdamp="disable"/>'
     ],
 )
 def test_a_pendulum_in_steps_is_mujocos_to_second_order(plant_from, how, flags, damping):
-    """Positions are half a step late, and the damping of joint and servo is inertia."""
+    """Positions are those of half a step later, and the damping of joint and servo is inertia."""
     inputs, errors = commands(25)[:, :1], []
     for h in (4e-3, 2e-3):
         text = PENDULUM.format(how=how, step=h, flags=flags)

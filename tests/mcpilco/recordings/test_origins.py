@@ -47,7 +47,7 @@ def of_a_file(tmp_path: Path) -> Plant:
     return plant_of(path)
 
 
-def test_what_a_simulator_made_has_positions_half_a_timestep_late(of_a_file: Plant) -> None:
+def test_what_a_simulator_made_has_positions_of_half_a_timestep_later(of_a_file: Plant) -> None:
     recording = recorded(of_a_file)
     (plant, (same,)), *others = possible_origins(of_a_file, [recording])
     assert plant is of_a_file
