@@ -349,8 +349,8 @@ class Tried:
             if key not in begun or grown.chi2 < begun[key].chi2:
                 begun[key] = grown
             taken = (view.by_window.sum() - grown.chi2) * len(self.windows) / len(few)
-            mujoco = fit.model.plant.timestep_s > 0.0
-            if mujoco and taken >= score.gain:  # as promised: what promises far less cannot compare
+            stepped = fit.model.plant.timestep_s > 0.0
+            if stepped and taken >= score.gain:  # what promises far less cannot compare
                 least = max(least, SEARCH.as_much * score.gain)
         closest = sorted(begun.values(), key=lambda grown: grown.chi2)
         if dear and closest:  # those that explain half of what the first does

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from mcpilco.plant import ChainPlant, Plant
 from mcpilco.recordings.recording import Recording
-
-if TYPE_CHECKING:
-    from mcpilco.plant import Plant
-
 
 STEPS = (1.0, 0.5, 0.25)
 """parts of a file's timestep in which its simulator may have made recordings [-]"""
@@ -28,8 +24,9 @@ def possible_origins(
     origins = [(plant, tuple(recording.clocked for recording in recordings))]
     if any(recording.by_clock is not None for recording in recordings):
         origins.append((plant, tuple(recordings)))
-    for part in STEPS if plant.in_steps() is not plant else ():
-        late_s = 0.5 * part * plant.least_s
-        moved = tuple(recording.earlier(late_s) for recording in recordings)
-        origins.append((plant.in_steps(part), moved))
+    if isinstance(plant, ChainPlant) and plant.integrator is not None:
+        for part in STEPS:
+            late_s = 0.5 * part * plant.integrator.timestep_s
+            moved = tuple(recording.earlier(late_s) for recording in recordings)
+            origins.append((plant.in_steps(part), moved))
     return origins
