@@ -165,8 +165,7 @@ def mispredicts(judged: Weighed, clear: Windows) -> bool:
 
 def closes_most(judged: Weighed, clear: Windows) -> bool:
     """Whether effects surely take away most of the error on held-out windows without events."""
-    closed = judged.closed(clear)
-    return closed.low > 0.0 and closed.value >= VERDICT.most
+    return judged.closed(clear).low >= VERDICT.closed
 
 
 def _missed(fit: Fit, windows: Windows) -> float:

@@ -23,6 +23,7 @@ from scipy.ndimage import binary_propagation
 
 from mcpilco.gap.data import Event, GapProblem, Windows, event_of
 from mcpilco.gap.fit import Fit, on_windows, refit, refit_truncated, residuals, truncated
+from mcpilco.gap.horizon import NORMAL
 from mcpilco.gap.learned_force import candidates, force_places, log_misfit
 from mcpilco.gap.plant_model import PerWindow
 from mcpilco.gap.residual_force import force_response, unpredicted_by_forces
@@ -129,7 +130,7 @@ def without_spikes(fit: Fit, windows: Windows) -> Windows:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of neighbours without a measurement
         off = r - np.nanmedian(around, axis=3)
-        usual = np.nanmedian(np.abs(off), axis=2, keepdims=True) / 0.67  # of a normal distribution
+        usual = np.nanmedian(np.abs(off), axis=2, keepdims=True) / NORMAL
         slope = np.nanmedian(np.abs(np.diff(r, axis=2)), axis=2, keepdims=True)
         one_sided = np.isnan(around).any(axis=3)
         usual = EVENT.spike * np.maximum(np.where(one_sided, np.fmax(usual, slope), usual), 1.0)

@@ -37,7 +37,9 @@ class DataThresholds:
     searched_windows: int = 28
     """windows that a search looks at, of all recordings, for its cost; the last fit has all"""
     costly_windows: int = 14
-    """the same where MuJoCo simulates, for its cost: three times as many where they are short"""
+    """the same of a costly plant; more where they are short"""
+    more: float = 3.0
+    """times as many of these, at most [-]"""
     held_out: float = 0.42
     """most of the samples that are held out [-]"""
     fewest_to_split: int = 3
@@ -336,9 +338,7 @@ class VerdictThresholds:
     """part of the random force that is left in a joint that may be alike in all windows [-]: in
     `rough`, seeds below 100, intervals hold 32 of 34 parameters, and 28 without it"""
     closed: float = 0.5
-    """part of the held-out error that effects must take away [-]"""
-    most: float = 0.8
-    """part of the held-out error that effects must take away where something else is missing [-]"""
+    """part of the held-out error that effects must take away; surely, where more is missing [-]"""
     far: float = 2.0
     """times the misfit of the fitted windows that held-out ones must reach for that to count [-]"""
     tied: float = 20.0

@@ -16,7 +16,7 @@ from mcpilco.plant import CATALOGUE
 
 OUTSIDE = ("detent", "feed", "patch", "coupling")
 HIDDEN = (*CATALOGUE, "none", *OUTSIDE)
-NAMED = (*CATALOGUE, "none", "unknown", "too_poor")
+NAMED = (*CATALOGUE, "none", "unknown", "too_poor", "refused")
 ALWAYS = {"none", "unknown"}
 """verdicts that have a column, whether or not a case got them"""
 
@@ -30,10 +30,10 @@ def confusions(cases: Sequence[Mapping[str, Any]]) -> Counter[tuple[str, str]]:
     counts: Counter[tuple[str, str]] = Counter()
     for case in cases:
         hidden = [effect.get("kind", effect["name"]) for effect in case["truth"]] or ["none"]
-        named = [e["name"] for e in case["found"]] if case["verdict"] == "named" else []
+        named = [e["name"] for e in case["found"]]
         others = [name for name in named if name not in hidden]
         if not others:
-            others = [case["verdict"] if case["verdict"] != "named" else "none"]
+            others = ["none" if case["found"] else case["verdict"]]
         for name in hidden:
             told = [name] if name in named else others
             for each in told:

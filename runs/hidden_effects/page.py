@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from cases import TIERS
 from confusion import write_confusion
-from evidence import read_samples
 from harness import code_that_made, fill
 from verdicts import accuracy, by_name, in_family, in_joint, mended, misnamed, only_right, right
 
@@ -74,10 +73,8 @@ def in_short(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 
 def asked(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """The rates that are asked of the tier `rough`, beside those that its newest code reaches."""
-    if "rough" not in found:
-        return ""
-    all_cases = beside_newest(found).get("rough: newest code", found["rough"])
+    """The rates that are asked of the tier `rough`, beside those that are reached."""
+    all_cases = found.get("rough", ())
     by_effects = [[c for c in all_cases if len(c["truth"]) == n] for n in range(4)]
     if not all(by_effects):
         return ""
@@ -97,7 +94,7 @@ def asked(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     rows = [(what, wanted, _counted(list(flags))) for what, wanted, flags in shares]
     rows.append(("CPU time in the median", "30 s", f"{np.median(seconds):.0f} s"))
     seeds = [case["seed"] for case in all_cases]
-    header = (f"rough, newest code, seeds {min(seeds)} to {max(seeds)}", "asked", "reached [%]")
+    header = (f"rough, seeds {min(seeds)} to {max(seeds)}", "asked", "reached [%]")
     return markdown(header, rows)
 
 
@@ -105,48 +102,10 @@ def _counted(flags: Sequence[bool]) -> str:
     return f"{rate_cell(rate(flags))}: {sum(flags)} of {len(flags)}"
 
 
-def beside_newest(
-    found: Mapping[str, Sequence[Mapping[str, Any]]],
-) -> dict[str, Sequence[Mapping[str, Any]]]:
-    """The tiers, and after each its cases by one version of the code, where there are others too.
-
-    Each version solves seeds that follow those of before. A tier's newest code is that of its
-    latest seed; the code of all tiers is the newest of most of them.
-    """
-    version = _versions()
-    newest = {tier: version(max(cases, key=lambda c: c["seed"])) for tier, cases in found.items()}
-    ((of_all, _),) = Counter(newest.values()).most_common(1)
-    parts: dict[str, Sequence[Mapping[str, Any]]] = {}
-    for tier, cases in found.items():
-        parts[tier] = cases
-        for code, name in {of_all: "code of all tiers", newest[tier]: "newest code"}.items():
-            own = [case for case in cases if version(case) == code]
-            if 0 < len(own) < len(cases):
-                parts[f"{tier}: {name}"] = own
-    return parts
-
-
-def _versions() -> Callable[[Mapping[str, Any]], str]:
-    """A function that gives the version of the code that solved a case.
-
-    Versions of which one has made samples of another's cases again, with equal results, are one.
-    """
-    tables = read_samples(HERE.name).values()
-    confirmed = {of: sample["by"] for table in tables for of, sample in table.items()}
-
-    def version(case: Mapping[str, Any]) -> str:
-        digest = str(case.get("made", {}).get("digest", ""))
-        for _ in confirmed:  # which may be confirmed by another one in turn
-            digest = confirmed.get(digest, digest)
-        return digest
-
-    return version
-
-
 def naming(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """How often the verdict is right, beside the peers'."""
     rows = []
-    for tier, cases in beside_newest(found).items():
+    for tier, cases in found.items():
         names = dict.fromkeys(name for case in cases for name in case.get("peers", ()))
         by_method = {tier: cases}
         by_method |= {
@@ -164,12 +123,7 @@ def _shares(name: str, cases: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
 
 def by_number(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """Of the tier `rough`, how often the verdict is right by the number of hidden effects."""
-    tables = {n: cases for n, cases in beside_newest(found).items() if n.startswith("rough")}
-    return "\n\n".join(_by_number(name, cases) for name, cases in tables.items())
-
-
-def _by_number(name: str, all_cases: Sequence[Mapping[str, Any]]) -> str:
-    rows = []
+    all_cases, rows = found.get("rough", ()), []
     for number in range(1 + TIERS["rough"].effects):
         cases = [case for case in all_cases if len(case["truth"]) == number]
         named = sum(case["verdict"] == "named" for case in cases)
@@ -179,9 +133,9 @@ def _by_number(name: str, all_cases: Sequence[Mapping[str, Any]]) -> str:
         flags = [map(right, cases), map(in_family, cases), wrong_names, map(misnamed, cases)]
         if cases:
             rows.append((str(number), counts, *(rate_cell(rate(list(each))) for each in flags)))
-    header = (f"{name}: hidden effects", "cases (`named`, `partly`)", "right [%]")
+    header = ("rough: hidden effects", "cases (`named`, `partly`)", "right [%]")
     header += ("right, or in a family [%]", "a wrong name [%]", "wrong and sure [%]")
-    return markdown(header, rows)
+    return markdown(header, rows) if rows else ""
 
 
 def fits(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
@@ -210,7 +164,7 @@ def as_told_by(peer: str, case: Mapping[str, Any]) -> dict[str, Any]:
 def numbers(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """Errors and intervals of the parameters, the gap closed, and the time it takes."""
     rows = []
-    for tier, cases in {**beside_newest(found), **together(found)}.items():
+    for tier, cases in {**found, **together(found)}.items():
         errors, covered = accuracy([case for case in cases if right(case)])
         closed = [c["error"]["closed"]["value"] for c in cases if c["error"] and mended(c)]
         seconds = [case["cpu_s"] for case in cases]

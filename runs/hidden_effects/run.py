@@ -37,12 +37,23 @@ from verdicts import right
 
 from mcpilco.logbook import read_json
 from mcpilco.sweep import machine
+from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from mcpilco.plant import Plant
     from mcpilco.recordings import Recording
 
 HERE = Path(__file__).parent
+REFUSED: dict[str, Any] = {
+    "verdict": "refused",
+    "effects": [],
+    "where": [],
+    "error": None,
+    "left": [],
+    "events": [],
+    "closest": None,
+}
+"""of a case whose recordings the workflow does not take"""
 
 
 @dataclass(frozen=True)
@@ -128,7 +139,10 @@ def ours(case: Case, tier: Tier, plant: Plant, recordings: Sequence[Recording]) 
     from mcpilco.gap import investigate, to_json
 
     spent = time.process_time()
-    told = to_json(investigate(plant, recordings, uncertainty=tier.uncertainty))
+    try:
+        told = to_json(investigate(plant, recordings, uncertainty=tier.uncertainty))
+    except InputError:  # the recordings look wrong to it, which they are not
+        told = REFUSED
     spent = time.process_time() - spent
     return {
         "seed": case.seed,
@@ -143,6 +157,7 @@ def ours(case: Case, tier: Tier, plant: Plant, recordings: Sequence[Recording]) 
         "error": told["error"],
         "left": told["left"],
         "events": told["events"],
+        "closest": told["closest"],
         "cpu_s": spent,
         "machine": machine(),
     }

@@ -357,7 +357,7 @@ def test_what_has_in_its_family_what_is_there_besides_is_no_wrong_name(
     assert not verdicts.in_family(elsewhere)
 
 
-def test_what_is_asked_of_rough_stands_beside_what_its_newest_code_reaches(
+def test_what_is_asked_of_rough_stands_beside_what_is_reached(
     modules: dict[str, ModuleType],
 ) -> None:
     def solved(seed: int, number: int, is_right: bool, cpu_s: float) -> dict[str, Any]:
@@ -371,12 +371,11 @@ def test_what_is_asked_of_rough_stands_beside_what_its_newest_code_reaches(
             effect["parameters"] = parameters if effect["name"] == "spring" else {}
         told |= {"plant": "mcpilco/CartPoleSwingUp-v0", "velocities": True}
         told["events"] = [{"recording": "a", "start_s": 1.0, "end_s": 2.0}] * (number == 2)
-        return {**told, "seed": seed, "cpu_s": cpu_s, "made": {"digest": "new" if seed else "old"}}
+        return {**told, "seed": seed, "cpu_s": cpu_s}
 
     asked = modules["page"].asked
-    old = solved(0, 1, is_right=False, cpu_s=1000.0)
     cases = [solved(1 + n, n % 4, is_right=n != 1, cpu_s=100.0 + 20.0 * n) for n in range(8)]
-    table = asked({"rough": [old, *cases]}).splitlines()
+    table = asked({"rough": cases}).splitlines()
     rows = {name: reached for name, _, reached in (row.strip("| ").split(" | ") for row in table)}
     assert rows["single effects: right, or in a family"].endswith(": 1 of 2")
     assert rows["pairs"].endswith(": 2 of 2")
@@ -386,7 +385,7 @@ def test_what_is_asked_of_rough_stands_beside_what_its_newest_code_reaches(
     assert rows["no event is told; nothing pushes them"].endswith(": 6 of 8")
     assert rows["a case takes three CPU minutes or less"].endswith(": 5 of 8")
     assert rows["CPU time in the median"] == "170 s"
-    assert asked({"rough": [old]}) == asked({}) == ""
+    assert asked({"rough": cases[:1]}) == asked({}) == ""
 
 
 def test_the_joint_of_a_learned_force_is_right_where_the_hidden_one_acts(
@@ -509,29 +508,3 @@ def test_mujocos_toolbox_names_a_dry_friction_when_what_is_unsure_is_frozen(
     recording = Recording("r", time, states, torque, layout.states, layout.inputs)
     named = identified.identified(plant, [recording])
     assert ("coulomb_friction", "pendulum") in named.terms[identified.FROZEN]
-
-
-def test_cases_of_the_newest_code_have_a_row_of_their_own_where_there_are_others(
-    modules: dict[str, ModuleType], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Code that made samples of other code's cases again, with equal results, is the same."""
-
-    def made(seed: int, digest: str) -> dict[str, Any]:
-        return {"seed": seed, "made": {"digest": digest}}
-
-    unknown, old, equal, new = {"seed": 1}, made(2, "old"), made(3, "equal"), made(4, "new")
-    later = made(5, "later")
-    samples = {"results/one/*.json": {"equal": {"of": "equal", "by": "new"}}}
-    monkeypatch.setattr(modules["page"], "read_samples", lambda _: samples)
-    found = {"one": [unknown, equal, new], "none": [new], "two": [old], "three": [old, new]}
-    assert modules["page"].beside_newest({**found, "rough": [old, new, later]}) == {
-        "one": [unknown, equal, new],
-        "one: newest code": [equal, new],
-        "none": [new],
-        "two": [old],
-        "three": [old, new],
-        "three: newest code": [new],
-        "rough": [old, new, later],
-        "rough: code of all tiers": [new],
-        "rough: newest code": [later],
-    }
