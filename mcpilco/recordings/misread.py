@@ -90,7 +90,7 @@ def misreadings(
     """
     told = (*stuck(recordings), *read_twice(recordings))
     spans = Spans.of(recordings)
-    if not told and len(spans.held):
+    if not told and len(spans.within):
         told = tuple(_misread(plant, spans))
     return told or tuple(_beyond_limits(plant, recordings, limits))
 
@@ -167,12 +167,12 @@ def _inconsistent(plant: Plant, spans: Spans) -> Iterator[str]:
     """
     if plant.layout.contacts:
         return
-    begin, end = spans.states(plant)
-    for q in range(0, begin.shape[1], 2):
-        moved = end[:, q] - begin[:, q]
-        claimed = 0.5 * spans.held.shape[1] * spans.dt * (begin + end)[:, q + 1]
-        wrong = float(np.sum((moved - claimed) ** 2) / max(np.sum(moved**2), 1e-300))
-        if spans.moving(plant)[q] and wrong > MISREAD.inconsistent:
+    moving = spans.moving(plant)
+    for q in np.flatnonzero(moving[0::2] & spans.measured[1 : len(moving) : 2]) * 2:
+        moved = spans.within[:, -1, q] - spans.within[:, 0, q]
+        wrong = (moved - np.trapezoid(spans.within[..., q + 1], dx=spans.dt, axis=1)) ** 2
+        some = np.argsort(wrong)[: math.ceil(MISREAD.counted * len(wrong))]
+        if wrong[some].sum() > MISREAD.inconsistent * np.sum(moved[some] ** 2):
             position, velocity = plant.layout.states[q : q + 2]
             yield f"{velocity} is not the derivative of {position}: is it the right column?"
 
@@ -185,8 +185,8 @@ class Spans:
     """smoothed columns where a span begins and where it ends"""
     slopes: Float[np.ndarray, "2 S C"]
     """their time derivatives there"""
-    held: Float[np.ndarray, "S n C"]
-    """columns as recorded, in between"""
+    within: Float[np.ndarray, "S n C"]
+    """columns as recorded, at both ends and in between"""
     noise: Float[np.ndarray, " C"]
     """std of what the smoothing left over"""
     measured: Bool[np.ndarray, " C"]
@@ -215,20 +215,20 @@ class Spans:
         left = around - np.einsum("kp,pesc->eskc", powers, cubic)
         noise = np.sqrt((left**2).sum(axis=(0, 2)) / (4 * r - 6))
         usual = np.median(noise, axis=0) if len(places) else noise.sum(axis=0)
-        return cls(cubic[0], cubic[1] / dt, spans[:, r : r + n], usual, measured, dt)
+        return cls(cubic[0], cubic[1] / dt, spans[:, r : r + n + 1], usual, measured, dt)
 
     def times(self, factors: Mapping[int, float], shift: float = 0.0) -> Spans:
         """The spans with some columns times a factor, by number, plus a shift."""
         f, o = np.ones(len(self.noise)), np.zeros(len(self.noise))
         f[list(factors)], o[list(factors)] = list(factors.values()), shift
-        ends, slopes, held = f * self.ends + o, f * self.slopes, f * self.held + o
-        return replace(self, ends=ends, slopes=slopes, held=held, noise=np.abs(f) * self.noise)
+        ends, slopes, within = f * self.ends + o, f * self.slopes, f * self.within + o
+        return replace(self, ends=ends, slopes=slopes, within=within, noise=np.abs(f) * self.noise)
 
     def swapped(self, one: Sequence[int], other: Sequence[int]) -> Spans:
         """The spans with some columns in the place of others."""
         place = np.arange(len(self.noise))
         place[[*one, *other]] = [*other, *one]
-        named = "ends", "slopes", "held", "noise", "measured"
+        named = "ends", "slopes", "within", "noise", "measured"
         return replace(self, **{name: getattr(self, name)[..., place] for name in named})
 
     @property
@@ -236,7 +236,11 @@ class Spans:
         """One in some of the spans."""
         n = MISREAD.thinned
         ends, slopes = self.ends[:, ::n], self.slopes[:, ::n]
-        return replace(self, ends=ends, slopes=slopes, held=self.held[::n])
+        return replace(self, ends=ends, slopes=slopes, within=self.within[::n])
+
+    def commands(self, plant: Plant) -> Float[np.ndarray, "S _ U"]:
+        """Inputs, each held until the next sample."""
+        return self.within[:, :-1, len(plant.layout.states) :]
 
     def states(self, plant: Plant) -> Float[np.ndarray, "2 S X"]:
         """States at both ends; a velocity without a column is the slope of its position."""
@@ -302,7 +306,7 @@ def missed(plant: Plant, spans: Spans, forces: bool = False) -> float:
     moving = spans.moving(plant)
     if not moving.any():
         return 0.0
-    there = plant.simulate(begin, spans.held[..., begin.shape[1] :], spans.dt)[:, -1]
+    there = plant.simulate(begin, spans.commands(plant), spans.dt)[:, -1]
     size = np.mean((end - begin)[:, moving] ** 2, axis=0)
     rest = there - end
     if forces:

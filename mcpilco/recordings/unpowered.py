@@ -132,7 +132,7 @@ class _Rows:
 def _answers(plant: Plant, spans: Spans) -> tuple[Bool[np.ndarray, " S"], Bool[np.ndarray, " S"]]:
     """Spans in which commands would change much; those that are foretold better without them."""
     begin, end = spans.states(plant)
-    moving, commands = spans.moving(plant), spans.held[..., begin.shape[1] :]
+    moving, commands = spans.moving(plant), spans.commands(plant)
     size = np.maximum(np.mean((end - begin) ** 2, axis=0), 1e-300)
 
     def apart(one: Float[np.ndarray, "S X"], other: Float[np.ndarray, "S X"]) -> np.ndarray:

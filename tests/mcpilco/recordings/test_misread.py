@@ -426,3 +426,13 @@ def test_a_servo_arm_whose_driver_counts_in_degrees_is_asked_about_all_at_once(
     assert misreadings(plant, [log]) == ()
     degrees = replace(log, states=DEGREES * log.states, inputs=DEGREES * log.inputs)
     assert "are all angles in degrees?" in misreadings(plant, [degrees])[0]
+
+
+def test_an_oscillation_of_few_samples_has_a_velocity_that_is_its_derivative() -> None:
+    """Velocities at both ends of a span say nothing of how far it went in between."""
+    time, pulse = 0.02 * np.arange(400), 18.0 * np.pi
+    states = np.column_stack([0.2 * np.sin(pulse * time), 0.2 * pulse * np.cos(pulse * time)])
+    names = ("angle", "velocity"), ("torque",)
+    swinging = Recording("swinging", time, states, np.zeros((400, 1)), *names)
+    told = misreadings(PLANTS["pendulum"], [swinging])
+    assert not any("derivative" in each for each in told)
