@@ -179,7 +179,7 @@ TABLES = (
             "two": "0:1280",
             "three": "0:1280",
             "none": "0:1280",
-            "outside": "0:1280,1281,1326,1330,1332,1334",
+            "outside": "0:1280,1281,1326,1330,1332,1334,1850",
             "further": "0:1280",
             "rough": "0:1280,1422:1427,1582,1617,1619,1636",
             "laboratory-one": "0:1280",
@@ -294,7 +294,13 @@ TABLES = (
         for variant in ("full", "without equations", "without regulator")
     ),
     _trained("pendulum_swingup", "default", SEED, (*AGENT, PENDULUM)),
-    Table("real_machines", "results/*/*.json", ("run:solve",), seeded=False),
+    Table(
+        "real_machines",
+        "results/*/*.json",
+        ("run:solve",),
+        seeded=False,
+        again="--machines {0}",
+    ),
     Table(
         "realaigym",
         "results/*.json",

@@ -10,6 +10,7 @@ between its marked lines.
 from __future__ import annotations
 
 import multiprocessing
+import os
 import sys
 import time
 from collections import Counter
@@ -41,8 +42,8 @@ EARLY_S = 0.5
 class Arguments:
     """Look for what is missing in the models of real machines."""
 
-    data: Path
-    """folder of the machines' folders"""
+    data: Path | None = None
+    """folder of the machines' folders; by default the one that MCPILCO_DATA names"""
     machines: tuple[Literal[*MACHINES], ...] = tuple(MACHINES)
     """which of them"""
     only_tables: bool = False
@@ -89,11 +90,14 @@ def main() -> int:
 
 def run(arguments: Arguments) -> None:
     """Asks what has no result yet, and keeps each as soon as it is there."""
+    data = arguments.data or Path(os.environ.get("MCPILCO_DATA", "."))
+    if missing := [name for name in arguments.machines if not (data / name).is_dir()]:
+        raise SystemExit(f"--data must hold a folder of each machine, {data} has no {missing[0]}.")
     results = arguments.out / "results"
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(arguments.workers, context) as pool:
         waiting = {
-            pool.submit(solve, each, arguments.data): each
+            pool.submit(solve, each, data): each
             for each in questions(arguments.machines)
             if not (results / each.file).exists()
         }
