@@ -331,9 +331,9 @@ def without_bursts(problem: GapProblem, best: Fit) -> tuple[GapProblem, tuple[Ev
     share = problem.budget.share(BUDGET.bursts)
     for _ in range(EVENT.burst_passes):
         before, spans = spans, bursts(best, short, problem.recordings)
+        quiet = _with_gaps(problem, spans)
         if spans == before or share.used_up:
             break
-        quiet = _with_gaps(problem, spans)
         best, _ = refit_truncated(best, quiet.windows(quiet.train))
     spans = unforeseen(spans, best, short, problem.recordings) if quiet is not problem else ()
     quiet = _with_gaps(problem, spans)

@@ -17,10 +17,11 @@ from mcpilco.gap.disagreement import (
     still_missed,
     unforeseen,
     windows_with_events,
+    without_bursts,
     without_spikes,
 )
-from mcpilco.gap.fit import Fit, on_windows
-from mcpilco.gap.plant_model import PlantModel
+from mcpilco.gap.fit import Fit, fit_nominal, on_windows
+from mcpilco.gap.plant_model import ComputeBudget, PlantModel
 from mcpilco.gap.thresholds import FORCE
 from mcpilco.plant import EffectInstance
 from mcpilco.plant.effects import CATALOGUE
@@ -59,6 +60,17 @@ def test_a_weak_push_is_found_when_it_was() -> None:
     assert spans[0].start_s == pytest.approx(PUSH_S[0], abs=0.75 * FORCE.short_s)
     assert spans[0].end_s == pytest.approx(PUSH_S[1], abs=0.75 * FORCE.short_s)
     assert unforeseen(spans, known, short, recordings) == spans
+
+
+def test_a_push_is_left_out_though_the_steps_are_used_up() -> None:
+    known, _, recordings = nominal(outside=push)
+    problem = GapProblem.of(known.model.plant, recordings, 0.01, (), {})
+    windows = problem.windows()
+    best, _ = fit_nominal(problem.model(windows), windows)
+    spent = replace(problem, budget=ComputeBudget(0.0))
+    quiet, (span,) = without_bursts(spent, best)
+    assert span.start_s == pytest.approx(PUSH_S[0], abs=FORCE.short_s)
+    assert quiet.recordings == problem.without([span]).recordings
 
 
 def test_noise_holds_no_burst() -> None:
