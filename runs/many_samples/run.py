@@ -1,7 +1,7 @@
 """Thousands of samples: time and memory with exact GPs and through inducing points, and success.
 
 python runs/many_samples/run.py --cost               # minutes
-python runs/many_samples/run.py --seeds 8000:8010    # about 2 minutes of a core a seed
+python runs/many_samples/run.py --seeds 8030:8040    # about a minute of a core a seed
 python runs/many_samples/run.py --beside 8020:8028   # about 6: exact GPs and inducing points
 """
 
