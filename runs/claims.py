@@ -415,7 +415,7 @@ SHORTFALLS = (
         "above 80",
     ),
     Claim(
-        "comparison: seeds of SAC that were run; as many of PPO, none of TQC",
+        "comparison: seeds of SAC that were run, and of PPO; none of TQC",
         "cartpole_comparison",
         "cartpole/sac/seeds/*.json",
         count,
