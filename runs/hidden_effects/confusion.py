@@ -30,14 +30,15 @@ def confusions(cases: Sequence[Mapping[str, Any]]) -> Counter[tuple[str, str]]:
     counts: Counter[tuple[str, str]] = Counter()
     for case in cases:
         hidden = [effect.get("kind", effect["name"]) for effect in case["truth"]] or ["none"]
-        named = [e["name"] for e in case["found"]]
+        told = case["found"] if case["verdict"] in ("named", "partly") else ()
+        named = [effect["name"] for effect in told]
         others = [name for name in named if name not in hidden]
         if not others:
-            others = ["none" if case["found"] else case["verdict"]]
+            others = ["none" if named else case["verdict"]]
         for name in hidden:
-            told = [name] if name in named else others
-            for each in told:
-                counts[name, each] += 1 / len(told)
+            places = [name] if name in named else others
+            for each in places:
+                counts[name, each] += 1 / len(places)
     return counts
 
 

@@ -91,7 +91,7 @@ def test_no_row_is_tuned_on_the_seeds_that_are_shown(run):
         paths = [Path(f"cartpole/{name}/seeds/{seed:04d}.json") for seed in seeds]
         table = table_of("cartpole_comparison", paths[0])
         assert {table.role(path) for path in paths} == {"tested on"}
-        assert len(seeds) == (5 if row.amounts else 30)
+        assert len(seeds) == (10 if row.amounts else 30)
 
 
 def test_page_of_the_repository_names_every_row(run, home):

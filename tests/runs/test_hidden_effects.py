@@ -284,6 +284,7 @@ def test_a_confusion_counts_each_hidden_effect_once(modules: dict[str, ModuleTyp
         case([], "named", ["spring"]),
         case([], "none", []),
         case(["spring"], "unknown", ["armature"]),
+        case(["backlash", "spring"], "partly", ["backlash"]),
     ]
     outside = case(["outside"], "unknown", ["spring"])
     outside["truth"][0]["kind"] = "detent"
@@ -296,6 +297,8 @@ def test_a_confusion_counts_each_hidden_effect_once(modules: dict[str, ModuleTyp
         ("none", "spring"): 1,
         ("none", "none"): 1,
         ("spring", "unknown"): 1,
+        ("backlash", "backlash"): 1,
+        ("spring", "none"): 1,
         ("detent", "unknown"): 1,
     }
 
