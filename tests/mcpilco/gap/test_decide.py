@@ -252,7 +252,13 @@ def test_effects_that_are_too_slight_to_be_told_help_where_held_out_windows_are_
 
 @pytest.mark.parametrize(
     ("closed", "low", "most"),
-    [(0.9, 0.7, True), (0.6, 0.55, True), (0.9, 0.45, False), (0.3, 0.2, False)],
+    [
+        (0.9, 0.7, True),
+        (0.6, 0.55, True),
+        (0.9, 0.45, False),
+        (0.3, 0.2, False),
+        (0.9, -0.1, False),
+    ],
 )
 def test_beside_what_is_unknown_effects_are_named_that_surely_close_most_of_the_gap(
     rubbing: tuple[PlantModel, Windows],
