@@ -51,7 +51,7 @@ class Evidence:
     correlation: Float[np.ndarray, " X"]
     """of each state's measurement noise from one sample to the next [-]"""
     gain: Float[np.ndarray, " J"] | float = np.inf
-    """of deviance by each random force that no machine has, over more noise; of others it is 0"""
+    """of deviance by each random force that is not tiny, over more noise; of others it is 0"""
 
     @property
     def sure(self) -> Float[np.ndarray, " J"]:
@@ -168,7 +168,7 @@ class _Likelihood:
                 break
         deviance, _, _, common = given(ratios)
         std, gain = common * np.exp(0.5 * ratios), np.zeros(len(ratios))
-        for joint in np.flatnonzero(std > VERDICT.force):
+        for joint in np.flatnonzero(std > DISTURBANCE.least):
             without = np.where(np.arange(len(ratios)) == joint, DISTURBANCE.ratios[0], ratios)
             gain[joint] = given(without)[0] - deviance
         return Evidence(deviance, std, common * noise, given.samples, correlation, gain)

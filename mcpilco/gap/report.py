@@ -139,7 +139,7 @@ def to_json(gap: Gap) -> dict[str, Any]:
             "held_out": list(gap.held_out),
             "errors_are": errors_are(gap),
             "remarks": list(gap.remarks),
-            "doubts": _doubts(gap),
+            "doubts": doubt_lines(gap),
         },
     }
 
@@ -173,7 +173,7 @@ def write_json(gap: Gap, path: Path) -> None:
 
 def summary(gap: Gap) -> list[str]:
     """The result as some lines that an engineer can act on."""
-    lines = [f"{gap.plant.name}: {verdict_sentence(gap)}", *_shifts(gap), *gap.remarks]
+    lines = [f"{gap.plant.name}: {verdict_sentence(gap)}", *shift_lines(gap), *gap.remarks]
     lines += map(_effect_line, gap.named)
     lines += [*map("  {}".format, gap.on_bounds), *_left(gap)]
     lines += [f"  Missing at {part.joint}: {part.condition}." for part in gap.where if part.joint]
@@ -183,7 +183,7 @@ def summary(gap: Gap) -> list[str]:
     lines += _errors(gap)
     if gap.corrected.learned:
         lines.append("The missing force was learned from the recordings; it is in corrected.json.")
-    return list(dict.fromkeys([*lines, *_left_out(gap), *_doubts(gap), *gap.experiments]))
+    return list(dict.fromkeys([*lines, *left_out_lines(gap), *doubt_lines(gap), *gap.experiments]))
 
 
 def _effect_line(named: NamedEffect) -> str:
@@ -197,7 +197,7 @@ def _effect_line(named: NamedEffect) -> str:
     return f"  {named.name} at {named.target}, {sure}: {numbers}{instead}"
 
 
-def _shifts(gap: Gap) -> list[str]:
+def shift_lines(gap: Gap) -> list[str]:
     """Sentences on parameters far from their nominal values."""
     return [
         f"The correction takes {p.name} from {p.nominal:.4g} to {p.value:.4g} {p.unit}, "
@@ -243,7 +243,7 @@ def _errors(gap: Gap) -> list[str]:
         lines.append(f"Of {name}, in {units[name]}: {', '.join(each)}.")
     if gap.mended:
         lines.append(HIDDEN if errors.hidden else f"The gap is closed by {closed_share(errors)}.")
-    return lines + _runaways(gap)
+    return lines + runaway_lines(gap)
 
 
 PLANTS = {
@@ -273,7 +273,7 @@ def _units(gap: Gap) -> dict[str, str]:
     return dict(zip(gap.plant.layout.states, gap.plant.layout.units, strict=True))
 
 
-def _left_out(gap: Gap) -> list[str]:
+def left_out_lines(gap: Gap) -> list[str]:
     """A line for each recording with events."""
     spans: dict[str, list[str]] = {}
     for event in gap.events:
@@ -285,13 +285,13 @@ def _left_out(gap: Gap) -> list[str]:
     ]
 
 
-def _doubts(gap: Gap) -> list[str]:
+def doubt_lines(gap: Gap) -> list[str]:
     """A line for each recording with columns that look wrong, none of which was refused."""
     by_name = {one.name: " ".join(doubts(one)) for one in gap.recordings}
     return [f"Doubtful in {name}: {said}" for name, said in by_name.items() if said]
 
 
-def _runaways(gap: Gap) -> list[str]:
+def runaway_lines(gap: Gap) -> list[str]:
     """A sentence on each plant whose free runs do not all reach the end of their windows."""
     if gap.comparison is None or gap.models is None:
         return []
@@ -302,31 +302,6 @@ def _runaways(gap: Gap) -> list[str]:
         for name, lost in after.items()
         if np.isfinite(lost).any()
     ]
-
-
-def cautions(gap: Gap) -> list[str]:
-    """Sentences that a reader of the numbers must not miss."""
-    said = [*gap.suspicions, *gap.remarks, *_doubts(gap)]
-    said += [
-        f"{named.name} at {named.target} cannot be distinguished from "
-        f"{' or '.join(named.family[1:])} in these recordings."
-        for named in gap.named
-        if named.family[1:]
-    ]
-    said += [*_shifts(gap), *(gap.on_bounds if gap.named else ())]
-    if gap.verdict in ("partly", "unknown"):
-        learned = ": a force was learned in its place, which is 0 outside the recorded range."
-        missed = ", nor does a learned force of state and command predict held-out recordings "
-        missed += "better. “When they disagree” shows when the residual is large."
-        explained = "The best model's residual is not noise; no effect of the catalogue explains it"
-        said.append(explained + (learned if gap.corrected.learned else missed))
-    said += [f"{line} A push, a contact, a fault of the log?" for line in _left_out(gap)]
-    said += _runaways(gap)
-    if gap.comparison is not None and gap.mended and gap.comparison.hidden:
-        said.append(HIDDEN)
-    if not gap.held_out and gap.comparison is not None:
-        said.append(f"The errors are {IN_SAMPLE}; record three or more, each with other commands.")
-    return said
 
 
 def far_from_noise(compared: Comparison, more: bool) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ Reference: Miller, Subset Selection in Regression (2002), section 3.5: sequentia
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 
@@ -101,8 +101,8 @@ class Tried:
     def following(self, hints: Sequence[Fit]) -> Tried:
         """With fits to other windows, on these; the best one's random forces weigh them."""
         for fit in hints:
-            x0 = fit_initial_states(fit.model, self.windows, fit.theta)
-            self.keep(fit_model(fit.model, self.windows, fit.theta, x0))
+            known = self.keep(on_windows(fit, self.windows))
+            self.keep(fit_model(fit.model, self.windows, fit.theta, known.x0))
         self.weigh_by(self.best())
         return self
 
@@ -218,75 +218,20 @@ class Tried:
         rest = ours - {instance}
         return [rest | {c} for c in self.candidates if instance.holds(c) and c not in rest]
 
-    def simplify(self) -> None:
-        """Fits the best model in plainer forms, from where its own values are.
-
-        Without what is needless, with special cases, with one effect for several that make it, and
-        with effects of masses where it takes these from their priors.
-        """
-        best = self.best()
-        if not best.model.plant.costly:
-            self.relieve(best)
-            self._gather(best)
-        for instance in best.model.effects if not best.model.plant.costly else ():
-            self.keep(without(best, [instance], self.windows, self.null))
-        values = {e: list(v[0]) for e, v in best.model.effect_values(best.theta[None])}
-        for plain in self.candidates:
-            for own in [own for own in values if own.holds(plain)]:
-                self.exchange(best, [own], {plain: own.values_as(plain, values[own])})
-            parts = [part for part in values if plain.repeats(part) or plain.holds(part)]
-            made = plain.effect.made_of({part.effect.name: values[part] for part in parts})
-            if made is not None:
-                self.exchange(best, parts, {plain: made})
-        if self.best() is not best:
-            self.simplify()
-
-    def relieve(self, fit: Fit, but: EffectInstance | None = None) -> None:
-        """Fits a model with effects of masses, but one, where it takes these far from priors."""
-        if _strained(fit):
-            meant = [c for c in self._of_masses(self.candidates) if c != but]
-            self.add(fit, meant, SEARCH.relieving, fit.model.budget.share(1.0), SEARCH.strained)
-
-    def _gather(self, fit: Fit) -> None:
-        """Fits a model with one effect of masses in the place of several, which may imitate it.
-
-        It begins with the nominal masses: without the several a fit bends these to do the same.
-        """
-        several, meant = map(self._of_masses, (fit.model.effects, self.candidates))
-        model, theta = shrunk(fit, several, self.null)
-        ours, share = frozenset(model.effects), model.budget.share(1.0)
-        if len(several) > 1 and (ours, True, several[0]) not in self.grown:
-            self.grown.add((ours, True, several[0]))
-            rest = on_windows(replace(fit, model=model, theta=model.nominal(theta)), self.windows)
-            self.add(rest, meant, SEARCH.shortlist, share, SEARCH.promising)
-
-    def _of_masses(self, effects: Iterable[EffectInstance]) -> list[EffectInstance]:
-        """Those that change bodies, or parameters that a prior holds."""
-        null = self.null.model
-        return [e for e in effects if e.effect.place == "body" or null.frees(e) is not None]
-
-    def exchange(
-        self, fit: Fit, gone: Sequence[EffectInstance], new: Mapping[EffectInstance, list[float]]
-    ) -> None:
-        """Fits a model with others in the place of some effects, from these values of them."""
-        model, theta = shrunk(fit, gone, self.null)
-        for instance, values in new.items():
-            if any(instance == other or instance.repeats(other) for other in model.effects):
-                return
-            model, theta = model.grown(theta, instance, values)
-        if len(model.effects) <= SEARCH.most_effects:
-            self.keep(fit_model(model, self.windows, theta, fit.x0, iterations=8))
-
     def neighbours(self, fit: Fit, share: BudgetShare, part: float = 0.0) -> list[Score]:
         """Fits the promising models that differ by one change; the scores of further effects.
 
         In the place of an effect is tried what promises a `part` of what that explains [-], if any.
         """
-        ours, scores = frozenset(fit.model.effects), []
+        ours, costly, scores = frozenset(fit.model.effects), fit.model.plant.costly, []
         if (ours, False) not in self.grown:
-            scores = self.add(fit, self.candidates, SEARCH.shortlist, share, SEARCH.promising)
+            most, least = SEARCH.shortlist, SEARCH.promising
+            scores = self.add(fit, self.candidates, most, share, least)
+            forced = np.any(self.judged(fit).gain >= VERDICT.sure)
+            if forced and self.best() is fit and not costly:
+                self.add(fit, self.candidates, most, share, least, bare=True)
         self.grown |= {(ours, False), (ours, part > 0.0)}
-        costly, before = fit.model.plant.costly, self.best()
+        before = self.best()
         rests: dict[EffectInstance, Fit] = {}
         for instance in fit.model.effects if part and not share.used_up else ():
             near = (ours - {instance}, False) in self.grown if costly else fit is before
@@ -307,15 +252,19 @@ class Tried:
             self.add(rest, some, most, share, max(SEARCH.promising, least))
         return scores
 
-    def scores(self, fit: Fit, new: Sequence[EffectInstance]) -> list[Score]:
-        """Those of effects that a fit lacks."""
-        ours, dear = frozenset(fit.model.effects), fit.model.plant.costly
+    def scores(self, fit: Fit, new: Sequence[EffectInstance], bare: bool = False) -> list[Score]:
+        """Those of effects that a fit lacks; `bare` as of `add`."""
+        ours, windows = frozenset(fit.model.effects), self.windows
         known, scores = self.screened.get(ours, (None, []))
-        if known is fit and not dear:
+        pulses = self.disturbance if fit.model.plant.costly else None
+        if known is fit and not bare and pulses is None:
             return [score for score in scores if score.instance in new]
-        lin = fit.linearised(self.windows)
-        scores = screen(fit, lin, self.windows, new, pulses=self.disturbance if dear else None)
-        if len(new) == len(_further(fit, self.candidates)):
+        if bare:
+            judged = self.judged(fit)
+            windows = self.disturbance.whitened(replace(judged, std=0.0 * judged.std))
+            fit = on_windows(fit, windows)
+        scores = screen(fit, fit.linearised(windows), windows, new, pulses=pulses)
+        if not bare and len(new) == len(_further(fit, self.candidates)):
             self.screened[ours] = fit, scores
         return scores
 
@@ -326,13 +275,18 @@ class Tried:
         most: int,
         share: BudgetShare,
         least: float,
+        bare: bool = False,
     ) -> list[Score]:
-        """Fits the most promising models of one effect more, those that may gain the least."""
+        """Fits the most promising models of one effect more, those that may gain the least.
+
+        They promise it beside the random forces, or `bare`, without these: a slow effect is so much
+        like the force that stands for it that beside this it promises little.
+        """
         ours, new = fit.model.effects, _further(fit, candidates)
         if not new or len(ours) == SEARCH.most_effects:
             return []
         lin, dear = fit.linearised(self.windows), fit.model.plant.costly
-        scores = self.scores(fit, new)
+        scores = self.scores(fit, new, bare)
         least = max(least, SEARCH.part_of_exchanged * (scores[0].gain if dear and scores else 0.0))
         begun: dict[Effects, Fit] = {}
         some = np.arange(0, len(self.windows), SEARCH.thinned)
@@ -419,6 +373,74 @@ def search(
     return SearchResult(best, tried.null, *told, tried.windows, tried.judged(best))
 
 
+def simplify(tried: Tried) -> None:
+    """Fits the best model in plainer forms, from where its own values are.
+
+    Without what is needless, with special cases, with one effect for several that make it, and with
+    effects of masses where it takes these from their priors.
+    """
+    best = tried.best()
+    if not best.model.plant.costly:
+        relieve(tried, best)
+        _gather(tried, best)
+        for instance in best.model.effects:
+            tried.keep(without(best, [instance], tried.windows, tried.null))
+    values = {e: list(v[0]) for e, v in best.model.effect_values(best.theta[None])}
+    for plain in tried.candidates:
+        for own in [own for own in values if own.holds(plain)]:
+            _exchange(tried, best, [own], {plain: own.values_as(plain, values[own])})
+        parts = [part for part in values if plain.repeats(part) or plain.holds(part)]
+        made = plain.effect.made_of({part.effect.name: values[part] for part in parts})
+        if made is not None:
+            _exchange(tried, best, parts, {plain: made})
+    if tried.best() is not best:
+        simplify(tried)
+
+
+def relieve(tried: Tried, fit: Fit, but: EffectInstance | None = None) -> None:
+    """Fits a model with effects of masses, but one, where it takes these far from priors."""
+    if _strained(fit):
+        meant = [c for c in _of_masses(tried.candidates, tried.null) if c != but]
+        tried.add(fit, meant, SEARCH.relieving, fit.model.budget.share(1.0), SEARCH.strained)
+
+
+def _gather(tried: Tried, fit: Fit) -> None:
+    """Fits a model with one effect of masses in the place of several, which may imitate it.
+
+    It begins with the nominal masses: without the several a fit bends these to do the same.
+    """
+    several = _of_masses(fit.model.effects, tried.null)
+    model, theta = shrunk(fit, several, tried.null)
+    ours, share = frozenset(model.effects), model.budget.share(1.0)
+    if len(several) > 1 and (ours, True, several[0]) not in tried.grown:
+        tried.grown.add((ours, True, several[0]))
+        rest = on_windows(replace(fit, model=model, theta=model.nominal(theta)), tried.windows)
+        meant = _of_masses(tried.candidates, tried.null)
+        tried.add(rest, meant, SEARCH.shortlist, share, SEARCH.promising)
+
+
+def _of_masses(effects: Iterable[EffectInstance], null: Fit) -> list[EffectInstance]:
+    """Those that change bodies, or parameters that a prior holds."""
+    return [e for e in effects if e.effect.place == "body" or null.model.frees(e) is not None]
+
+
+def _exchange(
+    tried: Tried, fit: Fit, gone: Sequence[EffectInstance], new: dict[EffectInstance, list[float]]
+) -> None:
+    """Fits a model with others in the place of some effects, from these values of them."""
+    model, theta = shrunk(fit, gone, tried.null)
+    for instance, values in new.items():
+        if any(instance == other or instance.repeats(other) for other in model.effects):
+            return
+        model, theta = model.grown(theta, instance, values)
+    if len(model.effects) > SEARCH.most_effects:
+        return
+    other = tried.keep(fit_model(model, tried.windows, theta, fit.x0, iterations=8))
+    if tried.bic(other) > tried.bic(fit) and not model.plant.costly:  # its starts were the fit's
+        x0 = fit_initial_states(model, tried.windows, other.theta)
+        tried.keep(fit_model(model, tried.windows, other.theta, x0, iterations=8))
+
+
 def finish(tried: Tried) -> None:
     """Fits to the end what explains half as much as the best model, with as many effects.
 
@@ -449,13 +471,16 @@ def confuse(tried: Tried) -> None:
         for pair in combinations([c for c in tried.candidates if instance.holds(c)], 2):
             if instance.effect.made_of({p.effect.name: list(p.effect.neutral) for p in pair}):
                 parts = {part: instance.values_as(part, values) for part in pair}
-                tried.exchange(best, [instance], parts)
-    same = [score.instance for score in scores if score.sensitivity == 0.0]
+                _exchange(tried, best, [instance], parts)
+    same = [score.instance for score in scores if score.sensitivity < VERDICT.unseen]
     for instance in best.model.effects:
         model, theta = shrunk(best, [instance], tried.null)
         rest = replace(best, model=model, theta=theta)  # the others stay as they are
-        tried.add(rest, same, len(same), share, SEARCH.same_bic)
-        tried.relieve(tried.keep(without(best, [instance], tried.windows, tried.null)), instance)
+        own = max(score.gain for score in tried.scores(rest, [instance]))
+        tried.add(rest, same, len(same), share, SEARCH.part_of_exchanged * own)
+        relieve(tried, tried.keep(without(best, [instance], tried.windows, tried.null)), instance)
+    if {*tried.best().model.effects} != {*best.model.effects}:
+        confuse(tried)
 
 
 def _reconsider(tried: Tried, share: BudgetShare) -> list[Score]:
@@ -487,14 +512,14 @@ def _search(
 
 def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
     """Tries the neighbours of the best models until none is better; scores of further effects."""
-    tried.simplify()
+    simplify(tried)
     best, idle = tried.best(), 0
     scores: list[Score] = []
     while idle <= SEARCH.patience and not share.used_up:
         before, known = best, tried.bic(best)
         scores = tried.neighbours(best, share) or scores
         if best.model.plant.costly and not idle and tried.best() is best:
-            tried.relieve(best)
+            relieve(tried, best)
         if tried.best() is best:  # there is nothing to add
             for fit in _next(tried, best):
                 part = SEARCH.part_of_exchanged if tried.bic(fit) <= tried.bic(best) else 0.0
@@ -504,7 +529,7 @@ def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
         if best is not before or known - tried.bic(best) > SEARCH.bic_gain:
             tried.weigh_by(best)
             tried.keep(fit_model(best.model, tried.windows, best.theta, best.x0))
-            tried.simplify()
+            simplify(tried)
             best, idle = tried.best(), 0
         else:
             idle += 1

@@ -130,6 +130,8 @@ class DisturbanceThresholds:
     """log of its variance over the noise's [(usual force / noise std)^2]: none, and far too much"""
     most: float = 0.3
     """random force that weighs a fit at most [usual forces]: more would fit it to nothing"""
+    least: float = 0.001
+    """random force below which it is not asked whether it is there [usual forces]"""
     least_noise: float = 0.1
     """noise of a reading, at least [reported noise]: smaller is rounding"""
     converged: float = 0.05

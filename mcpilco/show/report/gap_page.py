@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.gap import (
+    HIDDEN,
     IN_SAMPLE,
     Closest,
     ComparedModels,
@@ -18,10 +19,13 @@ from mcpilco.gap import (
     Gap,
     NamedEffect,
     SearchResult,
-    cautions,
     closed_share,
+    doubt_lines,
+    left_out_lines,
     percent,
+    runaway_lines,
     scaled_errors,
+    shift_lines,
     squares_at_end,
     three_digits,
     verdict_sentence,
@@ -61,6 +65,31 @@ def page_of(gap: Gap) -> Document:
         cautions=cautions(gap),
         cautions_title="What to mind",
     )
+
+
+def cautions(gap: Gap) -> list[str]:
+    """Sentences that a reader of the numbers must not miss."""
+    said = [*gap.suspicions, *gap.remarks, *doubt_lines(gap)]
+    said += [
+        f"{named.name} at {named.target} cannot be distinguished from "
+        f"{' or '.join(named.family[1:])} in these recordings."
+        for named in gap.named
+        if named.family[1:]
+    ]
+    said += [*shift_lines(gap), *(gap.on_bounds if gap.named else ())]
+    if gap.verdict in ("partly", "unknown"):
+        learned = ": a force was learned in its place, which is 0 outside the recorded range."
+        missed = ", nor does a learned force of state and command predict held-out recordings "
+        missed += "better. “When they disagree” shows when the residual is large."
+        explained = "The best model's residual is not noise; no effect of the catalogue explains it"
+        said.append(explained + (learned if gap.corrected.learned else missed))
+    said += [f"{line} A push, a contact, a fault of the log?" for line in left_out_lines(gap)]
+    said += runaway_lines(gap)
+    if gap.comparison is not None and gap.mended and gap.comparison.hidden:
+        said.append(HIDDEN)
+    if not gap.held_out and gap.comparison is not None:
+        said.append(f"The errors are {IN_SAMPLE}; record three or more, each with other commands.")
+    return said
 
 
 def _tiles(gap: Gap) -> list[tuple[str, str]]:

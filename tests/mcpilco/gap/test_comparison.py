@@ -20,10 +20,11 @@ from mcpilco.gap.comparison import (
 )
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, on_windows
-from mcpilco.gap.report import cautions, summary
+from mcpilco.gap.report import summary
 from mcpilco.gap.search import SearchResult, nested_fits
 from mcpilco.gap.sensitivities import run
 from mcpilco.plant import EffectInstance
+from mcpilco.show.report.gap_page import cautions
 
 
 def test_errors_shrink_step_by_step_from_the_nominal_plant_to_the_corrected_one(found: Gap) -> None:

@@ -15,7 +15,6 @@ from mcpilco.gap import (
     Event,
     Gap,
     NamedEffect,
-    cautions,
     investigate,
     summary,
     to_json,
@@ -24,6 +23,7 @@ from mcpilco.gap.comparison import Interval
 from mcpilco.gap.report import HIDDEN, far_from_noise, percent
 from mcpilco.gap.thresholds import VERDICT
 from mcpilco.recordings import Recording
+from mcpilco.show.report.gap_page import cautions
 from tests.mcpilco.gap.pendulum import record
 
 PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]

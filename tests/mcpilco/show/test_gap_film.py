@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mcpilco.gap import Gap, cautions, summary
+from mcpilco.gap import Gap, summary
 from mcpilco.show import side_by_side as film
 from mcpilco.show.report import write_gap_report
+from mcpilco.show.report.gap_page import cautions
 from mcpilco.show.side_by_side import Clip, write_gap_film
 from mcpilco.typing import InputError
 from tests.mcpilco.show.test_recording import chunks, rrd
