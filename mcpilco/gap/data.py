@@ -312,7 +312,7 @@ class GapProblem:
         """Windows that a search looks at, for its cost."""
         if not self.plant.costly:
             return DATA.searched_windows
-        return round(DATA.costly_windows * min(DATA.window_s / self.window_s, DATA.more))
+        return round(DATA.costly_windows * min(DATA.window_s / self.window_s, DATA.most_of_short))
 
     @property
     def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -38,8 +38,8 @@ class DataThresholds:
     """windows that a search looks at, of all recordings, for its cost; the last fit has all"""
     costly_windows: int = 14
     """the same of a costly plant; more where they are short"""
-    more: float = 3.0
-    """times as many of these, at most [-]"""
+    most_of_short: float = 3.0
+    """times as many of these where they are short, at most [-]"""
     held_out: float = 0.42
     """most of the samples that are held out [-]"""
     fewest_to_split: int = 3
