@@ -370,8 +370,8 @@ def _count(problem: GapProblem, numbers: Sequence[int]) -> int:
 def recurring(spans: Sequence[Event], problem: GapProblem) -> Disagreement | None:
     """Where a joint is when nearly all events happen, and seldom without one; None: anywhere.
 
-    Of each interval of positions the visits are counted, and those with an event. Events that come
-    from outside would hit them by chance: a binomial test, corrected for the number of intervals.
+    Of each interval of positions the visits are counted, and those with an event of their own.
+    Events from outside would hit them by chance: a binomial test, corrected for all intervals.
 
     The problem has no gaps at the events.
 
@@ -417,7 +417,8 @@ def _rarest(
             inside = (q >= low) & (q <= high)
             begins = inside & (broken | ~np.concatenate([[False], inside[:-1]]))
             visit = np.cumsum(begins)
-            hit = len(np.unique(visit[inside & event]))
+            own = inside & event
+            hit = min(len(np.unique(visit[own])), len(np.unique(touched[own])))
             chance = float(stats.binom.sf(hit - 1, begins.sum(), usual))
             best = min(best, (chance, float(low), float(high)))
     pairs = len(ends) * (len(ends) + 1) / 2

@@ -148,6 +148,20 @@ def test_few_events_at_a_place_where_more_visits_are_without_are_none(problem: G
     assert recurring(where(problem, 0.7, 0.95)[:3], problem) is None
 
 
+def test_one_event_recurs_nowhere_though_it_holds_all_visits_to_a_place(
+    problem: GapProblem,
+) -> None:
+    """The pendulum comes by 1.8 rad four times while it lasts, and never else."""
+    first, *others = problem.recordings
+    lasts = (first.time > 8.0) & (first.time < 12.0)
+    angle = np.where(lasts, 1.5 + 0.4 * np.sin(2.0 * np.pi * first.time), first.states[:, 0])
+    states = np.stack([angle, np.gradient(angle, DT)], axis=1)
+    once = replace(problem, recordings=(replace(first, states=states), *others))
+    assert len(where(once, 1.7, 1.9)) >= 4
+    assert recurring([Event(first.name, 8.0, 12.0)], once) is None
+    assert recurring(where(once, 1.7, 1.9), once) is not None
+
+
 def test_without_events_there_is_no_place(problem: GapProblem) -> None:
     assert recurring([], problem) is None
 
