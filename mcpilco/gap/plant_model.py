@@ -287,6 +287,7 @@ class PlantModel:
             if not isinstance(friction, DryFriction):
                 continue
             scale, f = self.scales[instance.target], theta[span][list(friction.forces)].sum()
+            f = 0.5 * f if "constant_force" in friction.repeats else f  # there is one each way
             braked = float(f) / (lightest * scale.inertia)
             unseen = min(braked * FIT.quick_s, FIT.unseen_turn * scale.velocity)
             slowest = max(braked * FIT.quickest_s, unseen)

@@ -112,6 +112,16 @@ def test_friction_turns_over_as_slowly_as_none_could_tell_from_a_quicker_one(siz
     assert millisecond / 10.0 < width
 
 
+def test_friction_of_another_size_each_way_turns_over_as_the_two_effects_that_make_it() -> None:
+    """A Coulomb friction and a constant force: one tells it as plainly as the other."""
+    nominal, turns = model(), []
+    for name, values in (("coulomb_friction", (0.1,)), ("asymmetric_friction", (0.14, 0.06))):
+        friction = EffectInstance(CATALOGUE[name], "pendulum")
+        theta = nominal.grown(np.zeros(nominal.nuisances), friction, (*values, 1e-9))[1]
+        turns.append(float(np.exp(theta[-1])))
+    assert turns[1] == pytest.approx(turns[0], rel=1e-9)
+
+
 @pytest.mark.parametrize(("friction", "frees"), [(0.05, True), (1e-5, False), (0.0, False)])
 def test_a_parameter_of_next_to_nothing_is_no_start_for_an_effect(friction, frees) -> None:
     """As a joint's damping of 0.001 N m s/rad that is there for the integrator."""
