@@ -157,10 +157,8 @@ def test_all_that_does_the_same_as_the_best_model_is_fitted() -> None:
     tried.weigh_by(tried.keep(fitted(model, tried.windows, theta)))
     confuse(tried)
     best = tried.best()
-    assert {*best.model.effects} == {
-        DELAY,
-        inertia,
-    }  # of equals the one that the catalogue has first
+    # of equals the one that the catalogue has first
+    assert {*best.model.effects} == {DELAY, inertia}
     for other in ({late, inertia}, {DELAY, armature}):
         assert tried.bic(tried.fits[frozenset(other)]) == pytest.approx(tried.bic(best), abs=0.1)
 
