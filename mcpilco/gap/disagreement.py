@@ -325,8 +325,7 @@ def without_bursts(problem: GapProblem, best: Fit) -> tuple[GapProblem, tuple[Ev
 
     `best` is the best model, which bursts that were not seen may have bent.
     """
-    short = _short(problem)
-    quiet = problem
+    short, quiet = _short(problem), problem
     spans: tuple[Event, ...] = ()
     share = problem.budget.share(BUDGET.bursts)
     for _ in range(EVENT.burst_passes):

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.data import GapProblem, Windows
-from mcpilco.gap.plant_model import InitialStates, PerWindow, PlantModel, Theta
+from mcpilco.gap.plant_model import ComputeBudget, InitialStates, PerWindow, PlantModel, Theta
 from mcpilco.gap.sensitivities import Linearised, lean, linearise, residuals_at, start_nudges
 from mcpilco.gap.thresholds import BUDGET, DATA, FIT, SEARCH
 
@@ -47,6 +47,10 @@ class Fit:
         if not self._known or any(a is not b for a, b in zip(self._known, key, strict=False)):
             self._known[:] = *key, how(self.model, windows, self.theta, self.x0)
         return self._known[-1]
+
+    def allowed(self, budget: ComputeBudget) -> Fit:
+        """This fit, with other steps for what follows it."""
+        return replace(self, model=replace(self.model, budget=budget))
 
     def at(self, chosen: Int[np.ndarray, " V"]) -> Fit:
         """This fit, of some of the windows only."""

@@ -128,8 +128,9 @@ def investigate(
     problem, explained, pushes, place = _leave_out_pushes(problem, explained)
     windows, masked = explained.windows, explained.masked
     _tell("verdict", explained.best)
-    result, null = explained.result, refit(explained.result.null, windows)
-    judged = weighed(result, explained.best, null, windows)
+    result, budget = explained.result, problem.budget.for_stage()
+    null = refit(result.null.allowed(budget), windows)
+    judged = weighed(result, explained.best.allowed(budget), null, windows)
     best, null, named = judged.best, judged.null, named_effects(result, judged)
 
     missed = spans_of(masked, recordings)
@@ -261,6 +262,7 @@ def _explain(
     """
     windows = everything[everything.of(problem.train)]
     some = windows.evenly(problem.searched)
+    problem = replace(problem, budget=problem.budget.for_stage())
     _tell("search for effects")
     result = search(problem.model(everything), some, problem.candidates(windows), hints)
     return _Explanation(result, *_fit_all_windows(problem, result.best, everything, masked))
@@ -273,6 +275,7 @@ def _fit_all_windows(
 
     Arguments as of `_explain`.
     """
+    best = best.allowed(best.model.budget.for_stage())
     best, windows = refit_truncated(best, everything[everything.of(problem.train)])
     legible = without_spikes(best, windows)
     if not np.array_equal(legible.measured, windows.measured):
@@ -300,7 +303,6 @@ def _leave_out_pushes(
     if place is not None or not pushes:
         return problem, explained, (), place
     best, known = explained.best, explained.result.fits[: SEARCH.hints]
-    quiet = replace(quiet, budget=quiet.budget.with_left(BUDGET.again_steps))
     everything = _without_spikes(best, quiet.enough_windows())
     kept = truncated(best.model, everything, best.theta)
     far = windows_with_events(on_windows(best, kept), kept)
@@ -319,8 +321,8 @@ def _learn_force(
     None where it does not surely shrink the error of the held-out windows that decide.
     """
     windows, masked = explained.windows.plain, explained.masked
-    budget = ComputeBudget.at(windows.held_s, problem.plant.costly, BUDGET.learning_steps)
-    base = replace(base, model=replace(base.model, budget=budget))
+    budget = ComputeBudget.at(windows.held_s, problem.plant.costly, BUDGET.stage_steps)
+    base = base.allowed(budget)
 
     def usable(some: Windows) -> Windows:
         return _without_spikes(base, truncated(base.model, some, base.theta))

@@ -45,6 +45,8 @@ class ComputeBudget:
     """that it may take"""
     used: Int[np.ndarray, " 1"] = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
     """counted by the simulation"""
+    finer: float = 1.0
+    """times as many as with commands that are held as long as usual [-]"""
 
     @classmethod
     def at(cls, held_s: float, costly: bool, most: float = BUDGET.steps) -> ComputeBudget:
@@ -52,30 +54,21 @@ class ComputeBudget:
 
         MuJoCo, where a simulation is costly, takes steps of its own, however long that is.
         """
-        return cls(most * (1.0 if costly else max(1.0, BUDGET.usual_dt_s / held_s)))
+        finer = 1.0 if costly else max(1.0, BUDGET.usual_dt_s / held_s)
+        return cls(most * finer, finer=finer)
 
-    def with_left(self, steps: float) -> ComputeBudget:
-        """The same, with at least so many steps left."""
-        return replace(self, most=max(self.most, int(self.used[0]) + steps))
+    def for_stage(self) -> ComputeBudget:
+        """The same, with the steps left at least that a stage must have."""
+        return replace(self, most=max(self.most, self.used[0] + BUDGET.stage_steps * self.finer))
 
-    def share(self, part: float) -> BudgetShare:
+    def share(self, part: float) -> ComputeBudget:
         """A part of the steps that are left, for a stage that begins now."""
-        now = int(self.used[0])
-        return BudgetShare(self, now + part * max(self.most - now, 0.0))
-
-
-@dataclass(frozen=True)
-class BudgetShare:
-    """The steps that one stage may take."""
-
-    budget: ComputeBudget
-    until: float
-    """steps of the whole investigation at which the stage ends"""
+        return replace(self, most=self.used[0] + part * max(self.most - self.used[0], 0.0))
 
     @property
     def used_up(self) -> bool:
-        """Whether the stage has to end with what it has."""
-        return bool(self.budget.used[0] >= self.until)
+        """Whether a stage has to end with what it has."""
+        return bool(self.used[0] >= self.most)
 
 
 @dataclass(frozen=True)

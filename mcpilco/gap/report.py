@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from mcpilco.data import html_table
 from mcpilco.files import finite, write_bytes
@@ -23,7 +22,7 @@ from mcpilco.gap.search import SearchResult
 from mcpilco.gap.sensitivities import run
 from mcpilco.gap.thresholds import SEARCH, VERDICT
 from mcpilco.plant import Correction, EffectInstance, Member, Plant, correction_of
-from mcpilco.recordings import PARTS, Part, Recording, doubts
+from mcpilco.recordings import PARTS, Part, Recording, doubts, repeated
 
 
 @dataclass(frozen=True)
@@ -353,8 +352,7 @@ def experiments(result: SearchResult, best: Fit, windows: Windows) -> list[str]:
     sentences = _unexcited(result)
     for effect in best.model.effects:
         tied = [rival for rival in rivals(result, effect) if not rival.instance.holds(effect)]
-        if tied:
-            sentences.append(_told_apart(effect, tied[0], best, windows))
+        sentences += [_told_apart(effect, rival, best, windows) for rival in tied[:1]]
     return sentences
 
 
@@ -375,7 +373,7 @@ def _unexcited(result: SearchResult) -> list[str]:
 
 def _told_apart(effect: EffectInstance, rival: Rival, best: Fit, windows: Windows) -> str:
     """The kind of motion in which two models differ most, and how much in simulation."""
-    by_kind = {part.__name__: separation(best, rival.fit, part, windows) for part in PARTS}
+    by_kind = {kind: separation(best, rival.fit, part, windows) for kind, part in PARTS.items()}
     kind = max(by_kind, key=lambda name: by_kind[name])
     if by_kind[kind] < VERDICT.tied:
         return (
@@ -383,19 +381,10 @@ def _told_apart(effect: EffectInstance, rival: Rival, best: Fit, windows: Window
             "simulated: measure another quantity."
         )
     return (
-        f"To distinguish {effect} from {rival.instance}, record {_WORDS[kind]}: if the first acts, "
+        f"To distinguish {effect} from {rival.instance}, record {kind}: if the first acts, "
         f"the second leaves a residual of norm {math.sqrt(by_kind[kind]):.0f} noise std in "
         f"{LENGTH_S:g} s of it, by simulation."
     )
-
-
-_WORDS = {
-    "multisine": "a multisine",
-    "chirp": "a chirp",
-    "slow": "small, slow triangles",
-    "pulses": "pulses up to the limits",
-    "holds": "constant inputs in both directions",
-}
 
 
 def separation(best: Fit, rival: Fit, part: Part, windows: Windows) -> float:
@@ -403,8 +392,7 @@ def separation(best: Fit, rival: Fit, part: Part, windows: Windows) -> float:
 
     The part is the kind of input; windows tell the sampling time, noise and largest commands.
     """
-    designed = _simulated(best, part, windows)
-    windows = cut([designed], windows.std)
+    windows = cut([_simulated(best, part, windows)], windows.std)
     x0 = fit_initial_states(rival.model, windows, rival.theta)
     return float(fit_model(rival.model, windows, rival.theta, x0, iterations=12).by_window.sum())
 
@@ -412,13 +400,7 @@ def separation(best: Fit, rival: Fit, part: Part, windows: Windows) -> float:
 def _simulated(best: Fit, part: Part, windows: Windows) -> Recording:
     """A recording of a model from rest under some parts of a kind."""
     layout, dt = best.model.plant.layout, windows.dt
-    rng = np.random.default_rng(0)
-    time = dt * np.arange(round(LENGTH_S / REPEATS / dt))
-    largest = np.abs(windows.commands).max(axis=(0, 1))
-    inputs: Float[np.ndarray, "T U"] = np.stack(
-        [limit * np.concatenate([part(time, rng) for _ in range(REPEATS)]) for limit in largest],
-        axis=1,
-    )
+    inputs = repeated(part, np.abs(windows.commands).max(axis=(0, 1)), LENGTH_S, REPEATS, dt)
     T = len(inputs)
     whole = replace(
         windows[:1],

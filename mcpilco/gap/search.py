@@ -34,7 +34,7 @@ from mcpilco.gap.fit import (
     refit,
     weighed_anew,
 )
-from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, InitialStates, PlantModel, Theta
+from mcpilco.gap.plant_model import ComputeBudget, InitialStates, PlantModel, Theta
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.sensitivities import Linearised
 from mcpilco.gap.thresholds import BUDGET, DATA, FIT, SEARCH, VERDICT
@@ -100,7 +100,7 @@ class Tried:
 
     def following(self, hints: Sequence[Fit]) -> Tried:
         """With fits to other windows, on these; the best one's random forces weigh them."""
-        for fit in hints:
+        for fit in (hint.allowed(self.null.model.budget) for hint in hints):
             known = self.keep(on_windows(fit, self.windows))
             self.keep(fit_model(fit.model, self.windows, fit.theta, known.x0))
         self.weigh_by(self.best())
@@ -141,7 +141,7 @@ class Tried:
             key = frozenset(fit.model.effects), fit.theta.tobytes()
             self.near[key] = self.near.get(key) or nearer(fit, self.windows)
             return self.disturbance.evidence(self.near[key], near=True)
-        near = nearer(replace(fit, model=replace(fit.model, budget=ComputeBudget())), self.windows)
+        near = nearer(fit.allowed(ComputeBudget()), self.windows)
         return Disturbance.of(near, self.windows, near=True).evidence(near, near=True)
 
     def bic(self, fit: Fit) -> float:
@@ -218,7 +218,7 @@ class Tried:
         rest = ours - {instance}
         return [rest | {c} for c in self.candidates if instance.holds(c) and c not in rest]
 
-    def neighbours(self, fit: Fit, share: BudgetShare, part: float = 0.0) -> list[Score]:
+    def neighbours(self, fit: Fit, share: ComputeBudget, part: float = 0.0) -> list[Score]:
         """Fits the promising models that differ by one change; the scores of further effects.
 
         In the place of an effect is tried what promises a `part` of what that explains [-], if any.
@@ -273,7 +273,7 @@ class Tried:
         fit: Fit,
         candidates: Sequence[EffectInstance],
         most: int,
-        share: BudgetShare,
+        share: ComputeBudget,
         least: float,
         bare: bool = False,
     ) -> list[Score]:
@@ -465,8 +465,8 @@ def confuse(tried: Tried) -> None:
     """
     best = tried.best()
     scores = tried.scores(best, _further(best, tried.candidates))
-    budget = best.model.budget.with_left(BUDGET.confusing_steps)
-    best, share = replace(best, model=replace(best.model, budget=budget)), budget.share(1.0)
+    share = best.model.budget.for_stage()
+    best = best.allowed(share)
     for instance, (values, *_) in best.model.effect_values(best.theta[None]):
         for pair in combinations([c for c in tried.candidates if instance.holds(c)], 2):
             if instance.effect.made_of({p.effect.name: list(p.effect.neutral) for p in pair}):
@@ -483,7 +483,7 @@ def confuse(tried: Tried) -> None:
         confuse(tried)
 
 
-def _reconsider(tried: Tried, share: BudgetShare) -> list[Score]:
+def _reconsider(tried: Tried, share: ComputeBudget) -> list[Score]:
     """Exchanges effects of the best model for what does as much, where a search ended too soon.
 
     What came first may be an image of the right effect; the scores of further effects.
@@ -501,7 +501,7 @@ def _search(
     model: PlantModel,
     windows: Windows,
     candidates: Sequence[EffectInstance],
-    share: BudgetShare,
+    share: ComputeBudget,
     hints: Sequence[Fit] = (),
 ) -> tuple[Tried, list[Score]]:
     """The models that were tried on some windows, and the scores of further effects."""
@@ -510,7 +510,7 @@ def _search(
     return tried, _improve(tried.following(hints) if hints else tried, share)
 
 
-def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
+def _improve(tried: Tried, share: ComputeBudget) -> list[Score]:
     """Tries the neighbours of the best models until none is better; scores of further effects."""
     simplify(tried)
     best, idle = tried.best(), 0

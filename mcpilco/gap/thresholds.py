@@ -68,12 +68,9 @@ class BudgetThresholds:
     """of an investigation: about a minute on one core"""
     costly: float = 5.0
     """times as many where MuJoCo simulates [-]: some minutes on one core"""
-    confusing_steps: float = 1e7
-    """left at least when what does the same as an effect is fitted; `rough` 7 and 2327 took 5e6"""
-    again_steps: float = 1.5e7
-    """left at least for the search after pushes, which on `rough` 2391 ended before it had begun"""
-    learning_steps: float = 1.5e7
-    """besides, to learn a force"""
+    stage_steps: float = 1.5e7
+    """left at least for a search anew, twins of effects, and last fits; see `rough` 2391. Besides,
+    to learn a force"""
     usual_dt_s: float = 0.02
     """time for which a command is held from which on this is so [s]: each takes a step at least"""
     fit: float = 0.2

@@ -23,7 +23,7 @@ section 13.3); the choice is by which effect each of them shows.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from jaxtyping import Float
@@ -73,13 +73,33 @@ def excitation(
 def _sequence(steps: int, dt: float, rng: np.random.Generator) -> Float[np.ndarray, " T"]:
     """Parts in random order, each kind once before any comes again, with pauses."""
     pieces: list[np.ndarray] = []
+    parts = tuple(PARTS.values())
     while sum(map(len, pieces)) < steps:
-        for k in rng.permutation(len(PARTS)):
+        for k in rng.permutation(len(parts)):
             length = max(4, round(PART_S * rng.uniform(0.7, 1.3) / dt))
             pause = max(1, round(PAUSE_S * rng.uniform(0.2, 1.8) / dt))
             time = dt * np.arange(length)
-            pieces += [PARTS[k](time, rng), np.zeros(pause)]
+            pieces += [parts[k](time, rng), np.zeros(pause)]
     return np.concatenate(pieces)[:steps]
+
+
+def repeated(
+    part: Part, largest: Float[np.ndarray, " U"], seconds: float, times: int, dt: float
+) -> Float[np.ndarray, "T U"]:
+    """Inputs of one kind, a part some times in a row, up to the largest value of each input.
+
+    Args:
+        part: the kind.
+        largest: values of the inputs.
+        seconds: length of all together [s].
+        times: how many parts these are.
+        dt: for which each input is held [s].
+    """
+    time, rng = dt * np.arange(round(seconds / times / dt)), np.random.default_rng(0)
+    return np.stack(
+        [limit * np.concatenate([part(time, rng) for _ in range(times)]) for limit in largest],
+        axis=1,
+    )
 
 
 def multisine(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -126,8 +146,14 @@ def holds(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return rng.uniform(0.1, 0.6) * rng.choice([-1.0, 1.0]) * sign
 
 
-PARTS: tuple[Part, ...] = (multisine, chirp, slow, pulses, holds)
-"""the kinds of parts; pauses come between them"""
+PARTS: Mapping[str, Part] = {
+    "a multisine": multisine,
+    "a chirp": chirp,
+    "small, slow triangles": slow,
+    "pulses up to the limits": pulses,
+    "constant inputs in both directions": holds,
+}
+"""the kinds of parts, in words; pauses come between them"""
 
 
 def _span(time: np.ndarray) -> tuple[float, float]:

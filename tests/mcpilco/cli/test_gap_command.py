@@ -16,7 +16,7 @@ import mcpilco.show
 import mcpilco.show.report
 from mcpilco.cli import main
 from mcpilco.gap import Gap, Stability
-from mcpilco.gap.stability import Repetition
+from mcpilco.gap.stability import Named, Repetition
 from mcpilco.recordings import write_recording
 from mcpilco.typing import RunFolderError
 from tests.mcpilco.gap.machines import recorded
@@ -80,7 +80,7 @@ def test_names_that_come_back_are_told_and_kept(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    brake = ("coulomb_friction", "pendulum")
+    brake = Named("coulomb_friction", "pendulum", ("coulomb_friction",))
     told = Stability(
         (Repetition("one", "named", (brake,)), Repetition("two", "none", ())), (brake,)
     )
@@ -88,7 +88,9 @@ def test_names_that_come_back_are_told_and_kept(
     assert found_in(tmp_path, log, more=("--stability",)) == 0
     assert "coulomb_friction (pendulum) came back in 1 of 2" in capsys.readouterr().out
     kept = json.loads((tmp_path / "stability.json").read_text())
-    assert kept["names"] == [{"name": brake[0], "target": brake[1], "count": 1, "first": True}]
+    assert kept["names"] == [
+        {"name": brake.name, "target": brake.target, "family": [brake.name], "count": 1, "alike": 1}
+    ]
 
 
 def test_an_interrupted_run_keeps_the_stages_that_have_ended(

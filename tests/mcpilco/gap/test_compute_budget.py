@@ -9,10 +9,12 @@ import pytest
 
 import envs
 from mcpilco.gap.data import GapProblem
-from mcpilco.gap.fit import fit_model
+from mcpilco.gap.fit import Fit, fit_model, fit_nominal
+from mcpilco.gap.investigation import _fit_all_windows
 from mcpilco.gap.plant_model import ComputeBudget
-from mcpilco.gap.search import search
+from mcpilco.gap.search import Tried, search
 from mcpilco.gap.sensitivities import run
+from mcpilco.gap.thresholds import BUDGET
 from mcpilco.plant import CATALOGUE, EffectInstance
 from tests.mcpilco.gap.pendulum import record
 
@@ -38,7 +40,7 @@ def test_a_share_is_a_part_of_the_steps_that_are_left() -> None:
     assert not first.used_up
     budget.used[0] = 60
     assert first.used_up
-    assert budget.share(0.5).until == 80.0
+    assert budget.share(0.5).most == 80.0
 
 
 def test_commands_that_are_held_shorter_may_take_as_many_more_steps() -> None:
@@ -90,6 +92,44 @@ def test_a_fit_of_which_no_steps_are_left_makes_one_iteration(problem: GapProble
     whole = fit_model(known, windows, theta, windows.guess)
     assert ended.chi2 == once.chi2
     assert whole.chi2 < ended.chi2
+
+
+def test_a_stage_has_some_steps_whatever_those_before_have_used() -> None:
+    budget = ComputeBudget.at(0.005, False, 10.0)
+    assert budget.for_stage().most == budget.used[0] + 4.0 * BUDGET.stage_steps
+    assert ComputeBudget(1e9).for_stage().most == 1e9
+    spent = ComputeBudget(100.0)
+    spent.used[0] = 130
+    assert spent.for_stage().most == 130 + BUDGET.stage_steps
+
+
+def test_hints_of_a_search_that_spent_its_steps_are_fitted_with_those_of_the_next(
+    problem: GapProblem,
+) -> None:
+    windows = problem.windows()[::2]
+    drag = EffectInstance(CATALOGUE["quadratic_drag"], "pendulum")
+    null, windows = fit_nominal(problem.model(windows), windows)
+    spent = null.allowed(limited(problem, 0.0).budget)
+    model, theta = spent.model.grown(spent.theta, drag, [1e-3])
+    hint = fit_model(model, windows, theta, spent.x0)
+    assert hint.model.budget.used_up
+    fitted = Tried.begun(null, windows, [drag]).following([hint]).fits[frozenset({drag})]
+    assert not fitted.model.budget.used_up
+
+
+def test_the_last_fit_converges_though_the_search_has_used_all_steps(problem: GapProblem) -> None:
+    windows = problem.windows()
+    null = fit_model(
+        problem.model(windows), windows, np.zeros(problem.model(windows).nuisances), windows.guess
+    )
+    drag = EffectInstance(CATALOGUE["quadratic_drag"], "pendulum")
+    model, theta = null.model.grown(null.theta, drag, [1e-3])
+    found = []
+    for each in (problem, limited(problem, 0.0)):
+        begun = Fit(replace(model, budget=each.budget), theta, null.x0, null.by_window)
+        found.append(_fit_all_windows(each, begun, windows, windows[:0])[0])
+    enough, spent = found
+    np.testing.assert_allclose(spent.theta, enough.theta, rtol=1e-6)
 
 
 @pytest.mark.slow

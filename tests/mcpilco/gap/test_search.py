@@ -13,7 +13,7 @@ import envs
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_initial_states, fit_nominal, misfits, on_windows
-from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, PlantModel
+from mcpilco.gap.plant_model import ComputeBudget, PlantModel
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.search import (
     Tried,
@@ -73,7 +73,7 @@ def test_effects_are_exchanged_where_none_can_be_added(
     known, _, _ = lagging
     tried, neighbours = [], Tried.neighbours
 
-    def spied(self: Tried, fit: Fit, share: BudgetShare, part: float = 0.0) -> list[Score]:
+    def spied(self: Tried, fit: Fit, share: ComputeBudget, part: float = 0.0) -> list[Score]:
         tried.append(({*fit.model.effects}, part > 0.0))
         return neighbours(self, fit, share, part)
 
@@ -564,7 +564,7 @@ def test_what_does_the_same_is_found_where_the_steps_of_a_search_are_used_up() -
     budget.used[0] = budget.most
     confuse(tried)
     assert frozenset({INERTIA}) in tried.fits
-    assert budget.used[0] < budget.most + BUDGET.confusing_steps
+    assert budget.used[0] < budget.most + BUDGET.stage_steps
 
 
 def test_a_gain_and_a_mass_are_as_likely_where_friction_may_be_anything() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,26 +11,38 @@ import pytest
 
 from envs.plants import pendulum
 from mcpilco.gap import investigate, repetitions
-from mcpilco.gap.stability import Repetition, Stability
+from mcpilco.gap.stability import Named, Repetition, Stability
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.pendulum import dry_friction, record
 from tests.mcpilco.recordings.test_recording import ten_seconds
 
-BRAKE, CABLE = ("coulomb_friction", "pendulum"), ("spring", "pendulum")
+BRAKE = Named("coulomb_friction", "pendulum", ("coulomb_friction", "stribeck_friction"))
+STRIBECK = Named("stribeck_friction", "pendulum", ("stribeck_friction",))
+CABLE = Named("spring", "pendulum", ("spring",))
+WINDINGS = Named("armature", "pendulum", ("armature",))
 
 
-def test_names_are_counted_those_of_everything_first():
-    told = Stability(
-        (Repetition("one", "named", (BRAKE,)), Repetition("two", "named", (BRAKE, CABLE))),
-        (BRAKE, ("armature", "pendulum")),
-    )
-    assert list(told.counts.values()) == [2, 0, 1]
+def test_names_are_counted_and_what_agrees_with_them():
+    parts = (BRAKE,), (STRIBECK, CABLE), (CABLE,)
+    repeated = tuple(Repetition(str(n), "named", named) for n, named in enumerate(parts))
+    told = Stability(repeated, (BRAKE, WINDINGS))
     assert told.summary()[1:] == [
-        "- coulomb_friction (pendulum) came back in 2 of 2",
-        "- armature (pendulum) came back in 0 of 2",
-        "- spring (pendulum) was named instead in 1 of 2",
+        "- coulomb_friction (pendulum) came back in 2 of 3, 1 of them by another name that fits it",
+        "- armature (pendulum) came back in 0 of 3",
+        "- spring (pendulum) was named instead in 2 of 3",
     ]
-    assert [entry["first"] for entry in told.to_json()["names"]] == [True, True, False]
+    content = told.to_json()
+    assert [(n["name"], n["count"], n["alike"]) for n in content["names"]] == [
+        ("coulomb_friction", 1, 2),
+        ("armature", 0, 0),
+    ]
+    assert content["instead"] == {"spring (pendulum)": 2}
+    assert content["repetitions"][1]["named"][0]["name"] == "stribeck_friction"
+
+
+def test_the_same_name_at_another_joint_does_not_agree():
+    assert BRAKE.agrees(STRIBECK)
+    assert not BRAKE.agrees(replace(BRAKE, target="cart"))
 
 
 def test_repetitions_are_asked_as_the_first_time(monkeypatch: pytest.MonkeyPatch):
@@ -37,20 +50,20 @@ def test_repetitions_are_asked_as_the_first_time(monkeypatch: pytest.MonkeyPatch
 
     def asking(plant: Any, recordings: list[Recording], **options: Any) -> Any:
         asked.append({"plant": plant, "number": len(recordings), **options})
-        named = SimpleNamespace(name=BRAKE[0], target=BRAKE[1])
-        return SimpleNamespace(verdict="named", named=[named] * (len(recordings) == 3))
+        return SimpleNamespace(verdict="named", named=[brake] * (len(recordings) == 3))
 
     monkeypatch.setattr("mcpilco.gap.stability.investigate", asking)
+    brake = SimpleNamespace(name=BRAKE.name, target=BRAKE.target, family=BRAKE.family)
     first: Any = SimpleNamespace(
         plant="plant",
         recordings=tuple(ten_seconds(name) for name in "abc"),
         held_out=("c",),
-        named=[SimpleNamespace(name=BRAKE[0], target=BRAKE[1])],
+        named=[brake],
     )
     found = repetitions(first, uncertainty=0.02)
     assert [each["number"] for each in asked] == [2, 2, 3, 3]
     assert all(each["held_out"] == ("c",) and each["uncertainty"] == 0.02 for each in asked)
-    assert found.counts == {BRAKE: 2}
+    assert found.counts(BRAKE) == (2, 2)
 
 
 @pytest.mark.slow
@@ -59,5 +72,5 @@ def test_a_friction_comes_back_each_time():
     recordings = [record(rng, dry_friction(0.1), number) for number in range(4)]
     plant = pendulum()
     found = repetitions(investigate(plant, recordings))
-    assert found.first == (BRAKE,)
-    assert set(found.counts.values()) == {len(found.repetitions)}
+    assert list(map(str, found.first)) == [str(BRAKE)]
+    assert found.counts(found.first[0])[1] == len(found.repetitions)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mcpilco.recordings import PARTS, excitation
+from mcpilco.recordings import PARTS, excitation, repeated
 from mcpilco.recordings.excitations import pulses
 from mcpilco.typing import InputError
 
@@ -41,7 +41,7 @@ def test_equal_seeds_give_equal_inputs_and_others_differ() -> None:
     assert not np.array_equal(force(seed=3), force(seed=4))
 
 
-@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("part", PARTS.values())
 @pytest.mark.parametrize("dt", [0.002, 0.02, 0.1])
 def test_every_part_is_within_the_unit_range_and_has_no_drift(part, dt: float) -> None:
     time = dt * np.arange(max(4, round(2 / dt)))
@@ -50,6 +50,14 @@ def test_every_part_is_within_the_unit_range_and_has_no_drift(part, dt: float) -
         assert np.abs(wave).max() <= 1 + 1e-12
         assert np.abs(wave).max() > 0
         assert abs(wave.mean()) < 0.2
+
+
+def test_a_kind_is_repeated_up_to_the_largest_value_of_each_input() -> None:
+    inputs = repeated(pulses, np.array([2.0, 0.5]), 6.0, 3, DT)
+    assert inputs.shape == (round(6.0 / DT), 2)
+    np.testing.assert_allclose(np.abs(inputs).max(axis=0), [2.0, 0.5])
+    thirds = np.abs(inputs[:, 0]).reshape(3, -1).max(axis=1)
+    np.testing.assert_allclose(thirds, 2.0)
 
 
 def test_pulses_leave_a_free_joint_where_it_was() -> None:
