@@ -302,6 +302,13 @@ TABLES = (
         again="--machines {0}",
     ),
     Table(
+        "real_machines",
+        "stability/*.json",
+        ("run:repeat",),
+        seeded=False,
+        again="--stability --machines {0}",
+    ),
+    Table(
         "realaigym",
         "results/*.json",
         (

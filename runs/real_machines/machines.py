@@ -37,6 +37,8 @@ class Machine:
     """into which each file is cut"""
     dts_ms: tuple[float, ...] = (20.0,)
     """sampling times at which motions are compared [ms]"""
+    repeated: str = ""
+    """name of the question that is asked again with parts left out; by default the first"""
 
     def recordings(self, data: Path, dt: float) -> list[Recording]:
         """All of them, on one grid.
@@ -109,6 +111,7 @@ MACHINES = {
             "chirps": _chirps("plus_1", "plus_2", "plus_3", "minus_1", "minus_2"),
         },
         columns={"pole_position": "pole_angle"},
+        repeated="chirps",
     ),
     "quanser_qube": Machine(
         _mjcf("quanser_qube"),
@@ -117,6 +120,7 @@ MACHINES = {
             "swing-ups": ("swingup_1", "swingup_2", "swingup_3"),
             "chirps": _chirps("plus_1", "plus_2", "minus_1", "minus_2"),
         },
+        repeated="chirps",
     ),
     "dfki_pendulum": Machine(
         dfki_pendulum,

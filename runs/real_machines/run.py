@@ -1,10 +1,11 @@
 """What `mcpilco gap` finds in recordings of five real machines, in every direction of holding out.
 
     python runs/real_machines/run.py --data FOLDER
+    python runs/real_machines/run.py --data FOLDER --stability    # do the names come back?
 
 FOLDER holds a folder of recordings for each machine; README.md says which. Results are kept in
-results/, a file a question; the same command goes on where it was stopped, and rewrites README.md
-between its marked lines.
+results/, a file a question, and in stability/, a file a machine; the same command goes on where it
+was stopped, and rewrites README.md between its marked lines.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import os
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +29,7 @@ sys.path.append(str(Path(__file__).parents[1]))  # what runs share, wherever it 
 from harness import code_that_made, fill, keep, use_one_thread
 from real_machines.machines import MACHINES
 
-from mcpilco.gap import Gap, investigate, to_json
+from mcpilco.gap import Gap, investigate, repetitions, to_json
 from mcpilco.logbook import read_json
 from mcpilco.sweep import machine, markdown
 
@@ -36,6 +37,8 @@ HERE = Path(__file__).parent
 MODELS = "nominal", "refit", "corrected"
 EARLY_S = 0.5
 """after the start of a free run, at which errors are told besides [s]"""
+OFTEN = 0.9
+"""part of the repetitions in which a name should come back [-]"""
 
 
 @dataclass(frozen=True)
@@ -46,12 +49,14 @@ class Arguments:
     """folder of the machines' folders; by default the one that MCPILCO_DATA names"""
     machines: tuple[Literal[*MACHINES], ...] = tuple(MACHINES)
     """which of them"""
+    stability: bool = False
+    """ask but one question of each machine, and again without parts of its recordings"""
     only_tables: bool = False
     """run nothing: write the tables of the results that are there"""
     workers: int = 2
     """processes at a time"""
     out: Path = HERE
-    """folder of results/ and README.md"""
+    """folder of results/, stability/ and README.md"""
 
 
 @dataclass(frozen=True)
@@ -68,6 +73,12 @@ class Question:
     def file(self) -> str:
         """Under results/."""
         return f"{self.machine}/{self.held_out.replace(' ', '_')}_{self.dt_ms:g}ms.json"
+
+    @classmethod
+    def repeated(cls, machine: str) -> Question:
+        """The one that is asked again without parts of a machine's recordings."""
+        told = MACHINES[machine]
+        return cls(machine, told.repeated or next(iter(told.held_out)), told.dts_ms[0])
 
 
 def questions(machines: tuple[str, ...] = tuple(MACHINES)) -> Iterator[Question]:
@@ -93,32 +104,49 @@ def run(arguments: Arguments) -> None:
     data = arguments.data or Path(os.environ.get("MCPILCO_DATA", "."))
     if missing := [name for name in arguments.machines if not (data / name).is_dir()]:
         raise SystemExit(f"--data must hold a folder of each machine, {data} has no {missing[0]}.")
-    results = arguments.out / "results"
+    asked: dict[Path, Question]
+    if arguments.stability:
+        folder, how = arguments.out / "stability", repeat
+        asked = {Path(f"{name}.json"): Question.repeated(name) for name in arguments.machines}
+    else:
+        folder, how = arguments.out / "results", solve
+        asked = {Path(each.file): each for each in questions(arguments.machines)}
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(arguments.workers, context) as pool:
         waiting = {
-            pool.submit(solve, each, data): each
-            for each in questions(arguments.machines)
-            if not (results / each.file).exists()
+            pool.submit(_timed, how, each, data): path
+            for path, each in asked.items()
+            if not (folder / path).exists()
         }
         for done in as_completed(waiting):
-            asked, found = waiting[done], done.result()
-            keep(results / asked.file, found, HERE.name)
-            names = [f"{e['name']} ({e['target']})" for e in found["effects"]]
-            print(f"{asked.file}: {found['verdict']}, {', '.join(names) or 'no effect'}")
+            path, found = waiting[done], done.result()
+            keep(folder / path, found, HERE.name)
+            told = found["names"] if arguments.stability else found["effects"]
+            names = [f"{e['name']} ({e['target']})" for e in told]
+            print(f"{path}: {found['verdict']}, {', '.join(names) or 'no effect'}")
+
+
+def _timed(
+    how: Callable[[Question, Path], dict[str, Any]], asked: Question, data: Path
+) -> dict[str, Any]:
+    """What is found, on which machine and in which time."""
+    use_one_thread()
+    spent = time.process_time()
+    found = how(asked, data)
+    return found | {"cpu_s": time.process_time() - spent, "host": machine()}
 
 
 def solve(asked: Question, data: Path) -> dict[str, Any]:
     """The content of `gap.json`, with the errors some time after a free run begins."""
-    use_one_thread()
-    spent = time.process_time()
     gap = find(asked, data)
-    spent = time.process_time() - spent
-    return to_json(gap) | {
-        "early": _early(gap),
-        "cpu_s": spent,
-        "host": machine(),
-    }
+    return to_json(gap) | {"early": _early(gap)}
+
+
+def repeat(asked: Question, data: Path) -> dict[str, Any]:
+    """The content of `stability.json`."""
+    gap = find(asked, data)
+    told = repetitions(gap, free=MACHINES[asked.machine].free).to_json()
+    return {"held_out": asked.held_out, "dt_ms": asked.dt_ms, "verdict": gap.verdict} | told
 
 
 def find(asked: Question, data: Path) -> Gap:
@@ -139,11 +167,12 @@ def _early(gap: Gap) -> dict[str, float]:
 
 def write_readme(out: Path) -> None:
     """Put the tables of the results that are there into README.md."""
-    fill(out / "README.md", page(out / "results"), template=HERE / "README.md")
+    fill(out / "README.md", page(out), template=HERE / "README.md")
 
 
-def page(results: Path) -> list[str]:
-    """The parts of the page that results make."""
+def page(folder: Path) -> list[str]:
+    """The parts of the page that results make, and repetitions."""
+    results = folder / "results"
     found = {q: read_json(results / q.file) for q in questions() if (results / q.file).exists()}
     if not found:
         return ["Not measured yet."]
@@ -152,7 +181,45 @@ def page(results: Path) -> list[str]:
         own = {q: told for q, told in found.items() if q.machine == name}
         if own:
             parts += [f"### {name}", _effects_table(own), _errors_table(own)]
-    return parts
+    paths = [folder / "stability" / f"{name}.json" for name in MACHINES]
+    repeated = {path.stem: read_json(path) for path in paths if path.exists()}
+    return (
+        [*parts, "### Do the names come back?", _stability_table(repeated)] if repeated else parts
+    )
+
+
+def _stability_table(repeated: dict[str, dict[str, Any]]) -> str:
+    """How often each name came back, and how many did nearly always."""
+    rows, back = [], []
+    for name, told in repeated.items():
+        runs = len(told["repetitions"])
+        own = name, told["held_out"], told["verdict"], str(runs)
+        lines = [
+            (f"{e['name']} ({e['target']})", str(e["count"]), str(e["alike"]), "")
+            for e in told["names"]
+        ]
+        lines += [(f"instead: {other}", "", "", str(n)) for other, n in told["instead"].items()]
+        lines = lines or [("-", "", "", "")]
+        rows += [(*own, *lines[0]), *(("", "", "", "", *line) for line in lines[1:])]
+        back += [e["alike"] / runs for e in told["names"]]
+    header = (
+        "machine",
+        "held out",
+        "verdict",
+        "repetitions",
+        "name",
+        "came back",
+        "or fits",
+        "instead",
+    )
+    often = sum(part >= OFTEN for part in back)
+    said = (
+        f"One question of each machine, asked again without each of its fitted recordings, with "
+        f"every second sample, and without the first half second. {often} of {len(back)} names "
+        f"come back in at least {100 * OFTEN:.0f} % of the repetitions, by themselves or by "
+        "another name of their family (`or fits` counts both)."
+    )
+    return f"{said}\n\n{markdown(header, rows)}"
 
 
 def _origin(found: dict[Question, dict[str, Any]]) -> str:

@@ -19,7 +19,7 @@ def test_the_page_is_what_its_results_say(run, home):
     begin, end = marks("results")
     text = (home / "README.md").read_text()
     written = text[text.index(begin) + len(begin) : text.index(end)].strip()
-    assert written == "\n\n".join(part.strip() for part in run.page(home / "results"))
+    assert written == "\n\n".join(part.strip() for part in run.page(home))
 
 
 def test_the_page_tells_effects_errors_and_what_is_left(run, tmp_path, found):  # noqa: F811
@@ -28,7 +28,7 @@ def test_the_page_tells_effects_errors_and_what_is_left(run, tmp_path, found):  
     told = json.loads(json.dumps(to_json(found), default=float))
     early = {"nominal": 9.0, "refit": 8.0, "corrected": 2.0}
     told |= {"early": early, "cpu_s": 12.0, "method": "of before", "host": {}}
-    path = tmp_path / asked.file
+    path = tmp_path / "results" / asked.file
     path.parent.mkdir(parents=True)
     path.write_text(json.dumps(told))
     origin, heading, effects, errors = run.page(tmp_path)
@@ -37,6 +37,33 @@ def test_the_page_tells_effects_errors_and_what_is_left(run, tmp_path, found):  
     assert "coulomb_friction (pendulum)" in effects
     assert " N m (pendulum)" in effects
     assert "| mean after 0.5 s [noise std] | 9 | 8 | 2 |  | 75 |" in errors
+
+
+def test_the_page_counts_the_names_that_come_back(run, tmp_path, found):  # noqa: F811
+    asked = run.Question.repeated("quanser_qube")
+    assert asked.held_out == "chirps"
+    told = json.loads(json.dumps(to_json(found), default=float))
+    told |= {"early": dict.fromkeys(run.MODELS, 1.0), "cpu_s": 12.0, "host": {}}
+    lag = {"name": "sensor_lag", "target": "arm_velocity", "family": ["sensor_lag"]}
+    gear = {"name": "back_emf", "target": "arm", "family": ["back_emf"]}
+    repeated = {
+        "held_out": asked.held_out,
+        "verdict": "partly",
+        "names": [lag | {"count": 3, "alike": 4}, gear | {"count": 1, "alike": 1}],
+        "instead": {"spring (arm)": 2},
+        "repetitions": 4 * [{}],
+    }
+    for path, content in (
+        (f"results/{asked.file}", told),
+        ("stability/quanser_qube.json", repeated),
+    ):
+        (tmp_path / path).parent.mkdir(parents=True)
+        (tmp_path / path).write_text(json.dumps(content))
+    heading, table = run.page(tmp_path)[-2:]
+    assert heading == "### Do the names come back?"
+    assert "1 of 2 names come back in at least 90 %" in table
+    assert "| quanser_qube | chirps | partly | 4 | sensor_lag (arm_velocity) | 3 | 4 |  |" in table
+    assert "|  |  |  |  | instead: spring (arm) |  |  | 2 |" in table
 
 
 def test_every_machine_holds_out_some_of_its_recordings(run, data):
