@@ -298,8 +298,7 @@ class GapProblem:
         priors = priors_of(plant, uncertainty, free, DATA.uncertainty)
         train, unseen = divided(recordings, held_out, DATA.held_out, DATA.fewest_to_split)
         most = BUDGET.steps * (BUDGET.costly if plant.costly else 1.0)
-        held_s = recordings[0].dt / _holds(recordings)
-        budget = ComputeBudget.at(held_s, plant.costly, most)
+        budget = ComputeBudget.at(recordings[0].dt / _holds(recordings), plant.costly, most)
         return cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), budget)
 
     @property

@@ -262,8 +262,7 @@ def closed_share(found: Comparison) -> str:
 def percent(part: Interval) -> str:
     """A part, at most all, with the ends of its interval."""
     value, low, high = (100 * min(each, 1.0) for each in (part.value, part.low, part.high))
-    ends = f"{low:.1f} to {high:.1f}"
-    ends = ends if math.isfinite(part.low) else "too few windows for an interval"
+    ends = f"{low:.1f} to {high:.1f}" if math.isfinite(low) else "too few windows for an interval"
     return f"{value:.1f} % ({ends})"
 
 
@@ -273,13 +272,15 @@ def _units(gap: Gap) -> dict[str, str]:
 
 
 def left_out_lines(gap: Gap) -> list[str]:
-    """A line for each recording with events."""
+    """A line for each recording with events; what is missing may act in unseen ones alone."""
     spans: dict[str, list[str]] = {}
     for event in gap.events:
         span = f"{event.start_s:.1f} to {event.end_s:.1f} s"
         spans.setdefault(event.recording, []).append(span)
+    alone = gap.verdict == "unknown" and {*spans} <= {*gap.held_out}
+    hint = " No fit has seen that: hold other recordings out (`--held-out`)." if alone else ""
     return [
-        f"Left out of {name}, as no model explains it: {', '.join(each)}."
+        f"Left out of {name}, as no model explains it: {', '.join(each)}.{hint}"
         for name, each in spans.items()
     ]
 

@@ -141,6 +141,20 @@ def test_a_recording_with_events_has_one_line_and_the_errors_with_them(found: Ga
     assert any(line.startswith(said) for line in cautions(pushed))
 
 
+def test_what_only_unseen_recordings_show_is_told_as_that(found: Gap) -> None:
+    """A motor's limit may be reached in none of the recordings that are fitted."""
+    unknown = replace(found, verdict="unknown", named=(), held_out=("recording_3",))
+    hint = "No fit has seen that: hold other recordings out (`--held-out`)."
+
+    def said(*names: str) -> bool:
+        events = tuple(Event(name, 2.0, 2.5) for name in names)
+        return any(line.endswith(hint) for line in summary(replace(unknown, events=events)))
+
+    assert said("recording_3")
+    assert not said("recording_1")
+    assert not said("recording_1", "recording_3")
+
+
 def test_a_doubtful_column_is_told_in_the_summary(found: Gap) -> None:
     assert not any("Doubtful" in line for line in summary(found))
     first = found.recordings[0]
