@@ -156,7 +156,7 @@ TABLES = (
             "0:20",
             again=f"--legs {legs} {SEED}",
         )
-        for files, legs in {"00*": "a b c d", "01*": "f g"}.items()
+        for files, legs in {"02*": "a b c d", "01*": "f g"}.items()
     ),
     Table("exported_policy", "results.json", ("run:measured", *AGENT, CART_POLE)),
     _gip("scara", "accuracy"),
