@@ -69,8 +69,7 @@ class Windows:
     ) -> Windows:
         """Some of the windows."""
         parts: dict[str, Any] = {name: getattr(self, name)[chosen] for name in _BY_WINDOW}
-        white = self.whitening and self.whitening.of(chosen)
-        return replace(self, **parts, whitening=white)
+        return replace(self, **parts, whitening=self.whitening and self.whitening.of(chosen))
 
     def evenly(self, count: int) -> Windows:
         """So many of the windows from all over the recordings, or all where they are no more."""
@@ -349,8 +348,7 @@ class GapProblem:
             y = plant.beside(plant.run(tables, system, start, each, *driven), few.y)
             r = np.where(few.measured, (y - few.y) / few.std[:, None], 0.0)
             near.append(np.nan_to_num(np.square(r), nan=np.inf).sum(axis=(1, 2)))
-        closer = (near[1] < near[0])[:, None]
-        return replace(windows, guess=np.where(closer, read, windows.guess))
+        return replace(windows, guess=np.where((near[1] < near[0])[:, None], read, windows.guess))
 
     def without(self, spans: Sequence[Event]) -> GapProblem:
         """The same with a gap in the recordings at each event."""

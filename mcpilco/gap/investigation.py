@@ -153,8 +153,10 @@ def investigate(
     elif unknown:
         final = base
     clear, closest = _clear(reported, problem, events, final), None
-    if unknown and named and not helps:
-        named, closest = (), Closest(named, judged.closed(clear), corrected(best))
+    nearest = judged if named else judged.whole  # of which none may be sure enough to be told
+    if unknown and nearest and not helps:
+        named = named_effects(result, nearest)
+        named, closest = (), Closest(named, nearest.closed(clear), corrected(nearest.best))
 
     known = "named" if named else "none"
     verdict = ("partly" if named else "unknown") if unknown else known

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import mcpilco.gap
 from mcpilco.cli import main
 from mcpilco.gap import Gap, investigate, investigation
 from mcpilco.gap.data import Event, GapProblem, Windows
+from mcpilco.gap.decide import Weighed
 from mcpilco.gap.disturbance import Evidence
 from mcpilco.gap.fit import fit_nominal
 from mcpilco.gap.report import summary, to_json
@@ -49,6 +51,27 @@ def test_a_hidden_friction_is_named_with_its_size(found: Gap) -> None:
     assert size.low < HIDDEN_FRICTION < size.high
     assert found.comparison is not None
     assert found.comparison.closed.value > 0.8
+
+
+def test_effects_that_are_all_too_unsure_to_be_named_are_told_as_what_comes_closest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(0)
+    measured = [record(rng, dry_friction(HIDDEN_FRICTION), number) for number in range(4)]
+    weighed = investigation.weighed
+
+    def unsure(*given: Any) -> Weighed:
+        """As where a force that is left over, and may be alike in all windows, would do as much."""
+        whole = weighed(*given)
+        return replace(whole, best=whole.null, evidence=whole.nominal, whole=whole)
+
+    monkeypatch.setattr(investigation, "weighed", unsure)
+    monkeypatch.setattr(investigation, "leaves_something", lambda judged: True)
+    gap = investigate(PLANT(), measured)
+    assert (gap.verdict, gap.named) == ("unknown", ())
+    assert gap.closest is not None
+    assert [effect.name for effect in gap.closest.effects] == ["coulomb_friction"]
+    assert gap.closest.reduction.value > 0.8
 
 
 SERVOS = """
