@@ -50,7 +50,7 @@ from mcpilco.gap.learned_force import corrected, with_learned_force
 from mcpilco.gap.plant_model import ComputeBudget
 from mcpilco.gap.report import Gap, experiments, far_from_noise
 from mcpilco.gap.search import SearchResult, nested_fits, search
-from mcpilco.gap.thresholds import BUDGET, DATA, SEARCH
+from mcpilco.gap.thresholds import BUDGET, DATA, SEARCH, VERDICT
 from mcpilco.plant import Own, Plant, own_effects
 from mcpilco.recordings import (
     Recording,
@@ -134,7 +134,7 @@ def investigate(
     best, null, named = judged.best, judged.null, named_effects(result, judged)
 
     missed = spans_of(masked, recordings)
-    events, final = (*pushes, *missed), best
+    events = (*pushes, *missed)
     kept = problem.windows(problem.held_out, every=DATA.held_out_every_s)  # that no fit has seen
     decisive, reported = apart(kept) if problem.names[1] else (kept, kept)
     clear = _clear(decisive, problem, events, best)
@@ -144,19 +144,19 @@ def investigate(
     where = (*([place] if place else []), *located_misfit(best if unknown else null, windows))
     if unknown:
         _tell("learning of a force without a name", best)
-    base = best if helps else null
-    learned = _learn_force(problem, base, judged, explained, decisive) if unknown else None
+    final = null if unknown and not helps else best
+    learned = _learn_force(problem, final, judged, explained, decisive) if unknown else None
     if learned is not None:
         final, unexplained = learned
         events = (*pushes, *unexplained)
         where = (*located_force(final, windows), *where)
-    elif unknown:
-        final = base
     clear, closest = _clear(reported, problem, events, final), None
     nearest = judged if named else judged.whole  # of which none may be sure enough to be told
     if unknown and nearest and not helps:
-        named = named_effects(result, nearest)
-        named, closest = (), Closest(named, nearest.closed(clear), corrected(nearest.best))
+        part = nearest.closed(clear)
+        if named or part.value >= VERDICT.closed:
+            closest = Closest(named_effects(result, nearest), part, corrected(nearest.best))
+        named = ()
 
     known = "named" if named else "none"
     verdict = ("partly" if named else "unknown") if unknown else known
