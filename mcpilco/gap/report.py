@@ -22,7 +22,7 @@ from mcpilco.gap.search import SearchResult
 from mcpilco.gap.sensitivities import run
 from mcpilco.gap.thresholds import SEARCH, VERDICT
 from mcpilco.plant import Correction, EffectInstance, Member, Plant, correction_of
-from mcpilco.recordings import PARTS, Part, Recording, doubts, repeated
+from mcpilco.recordings import PARTS, Part, Recording, doubts, repeated_part
 
 
 @dataclass(frozen=True)
@@ -401,7 +401,7 @@ def separation(best: Fit, rival: Fit, part: Part, windows: Windows) -> float:
 def _simulated(best: Fit, part: Part, windows: Windows) -> Recording:
     """A recording of a model from rest under some parts of a kind."""
     layout, dt = best.model.plant.layout, windows.dt
-    inputs = repeated(part, np.abs(windows.commands).max(axis=(0, 1)), LENGTH_S, REPEATS, dt)
+    inputs = repeated_part(part, np.abs(windows.commands).max(axis=(0, 1)), LENGTH_S, REPEATS, dt)
     T = len(inputs)
     whole = replace(
         windows[:1],

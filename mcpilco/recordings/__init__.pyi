@@ -8,7 +8,7 @@ from .arms import (
     columns_of,
     read_arm,
 )
-from .excitations import PARTS, Part, excitation, repeated
+from .excitations import PARTS, Part, excitation, repeated_part
 from .for_plant import read_for_plant
 from .joints import (
     ARRAYS,
@@ -104,7 +104,7 @@ __all__ = [
     "read_series",
     "read_twice",
     "reduced",
-    "repeated",
+    "repeated_part",
     "require_plausible",
     "rotation",
     "runs",

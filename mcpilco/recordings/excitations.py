@@ -83,7 +83,7 @@ def _sequence(steps: int, dt: float, rng: np.random.Generator) -> Float[np.ndarr
     return np.concatenate(pieces)[:steps]
 
 
-def repeated(
+def repeated_part(
     part: Part, largest: Float[np.ndarray, " U"], seconds: float, times: int, dt: float
 ) -> Float[np.ndarray, "T U"]:
     """Inputs of one kind, a part some times in a row, up to the largest value of each input.

@@ -183,9 +183,9 @@ def page(folder: Path) -> list[str]:
             parts += [f"### {name}", _effects_table(own), _errors_table(own)]
     paths = [folder / "stability" / f"{name}.json" for name in MACHINES]
     repeated = {path.stem: read_json(path) for path in paths if path.exists()}
-    return (
-        [*parts, "### Do the names come back?", _stability_table(repeated)] if repeated else parts
-    )
+    if repeated:
+        parts += ["### Do the names come back?", _stability_table(repeated)]
+    return parts
 
 
 def _stability_table(repeated: dict[str, dict[str, Any]]) -> str:

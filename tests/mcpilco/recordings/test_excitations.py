@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mcpilco.recordings import PARTS, excitation, repeated
+from mcpilco.recordings import PARTS, excitation, repeated_part
 from mcpilco.recordings.excitations import pulses
 from mcpilco.typing import InputError
 
@@ -53,7 +53,7 @@ def test_every_part_is_within_the_unit_range_and_has_no_drift(part, dt: float) -
 
 
 def test_a_kind_is_repeated_up_to_the_largest_value_of_each_input() -> None:
-    inputs = repeated(pulses, np.array([2.0, 0.5]), 6.0, 3, DT)
+    inputs = repeated_part(pulses, np.array([2.0, 0.5]), 6.0, 3, DT)
     assert inputs.shape == (round(6.0 / DT), 2)
     np.testing.assert_allclose(np.abs(inputs).max(axis=0), [2.0, 0.5])
     thirds = np.abs(inputs[:, 0]).reshape(3, -1).max(axis=1)
