@@ -214,9 +214,9 @@ def _stability_table(repeated: dict[str, dict[str, Any]]) -> str:
     )
     often = sum(part >= OFTEN for part in back)
     said = (
-        f"One question of each machine, asked again without each of its fitted recordings, with "
-        f"every second sample, and without the first half second. {often} of {len(back)} names "
-        f"come back in at least {100 * OFTEN:.0f} % of the repetitions, by themselves or by "
+        "A question of each of these machines, asked again without each of its fitted recordings, "
+        f"with every second sample, and without the first half second. {often} of {len(back)} "
+        f"names come back in at least {100 * OFTEN:.0f} % of the repetitions, by themselves or by "
         "another name of their family (`or fits` counts both)."
     )
     return f"{said}\n\n{markdown(header, rows)}"
