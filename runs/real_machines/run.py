@@ -129,7 +129,7 @@ def run(arguments: Arguments) -> None:
 def _timed(
     how: Callable[[Question, Path], dict[str, Any]], asked: Question, data: Path
 ) -> dict[str, Any]:
-    """What is found, on which machine and in which time."""
+    """The answer to a question, with the host that found it and the CPU time that it took."""
     use_one_thread()
     spent = time.process_time()
     found = how(asked, data)
