@@ -85,8 +85,9 @@ def test_a_page_is_what_its_results_say(name, tmp_path, monkeypatch):
     for file in ("README.md", "results.json"):
         if (RUNS / name / file).exists():
             shutil.copy(RUNS / name / file, out)
-    if (RUNS / name / "results").exists():
-        (out / "results").symlink_to(RUNS / name / "results")
+    for folder in ("results", "stability"):
+        if (RUNS / name / folder).exists():
+            (out / folder).symlink_to(RUNS / name / folder)
     before = (out / "README.md").read_text(encoding="utf-8")
     with script(name) as run:
         WRITES.get(name, lambda run, out: run.write_readme(out))(run, out)
