@@ -303,8 +303,7 @@ class Tried:
             if key not in begun or grown.chi2 < begun[key].chi2:
                 begun[key] = grown
             taken = (view.by_window.sum() - grown.chi2) * len(self.windows) / len(few)
-            stepped = fit.model.plant.timestep_s > 0.0
-            if stepped and taken >= score.gain:  # what promises far less cannot compare
+            if fit.model.plant.timestep_s and taken >= score.gain:  # far less cannot compare
                 least = max(least, SEARCH.as_much * score.gain)
         closest = sorted(begun.values(), key=lambda grown: grown.chi2)
         if dear and closest:  # those that explain half of what the first does
@@ -405,18 +404,19 @@ def relieve(tried: Tried, fit: Fit, but: EffectInstance | None = None) -> None:
 
 
 def _gather(tried: Tried, fit: Fit) -> None:
-    """Fits a model with one effect of masses in the place of several, which may imitate it.
+    """Fits a model with one effect in the place of several of masses, which may imitate it.
 
-    It begins with the nominal masses: without the several a fit bends these to do the same.
+    Two may imitate another one of masses, more of them anything. It begins with the nominal masses:
+    without the several a fit bends these to do the same.
     """
     several = _of_masses(fit.model.effects, tried.null)
     model, theta = shrunk(fit, several, tried.null)
     ours, share = frozenset(model.effects), model.budget.share(1.0)
-    if len(several) > 1 and (ours, True, several[0]) not in tried.grown:
-        tried.grown.add((ours, True, several[0]))
+    if len(several) > 1 and (ours, True, *several) not in tried.grown:
+        tried.grown.add((ours, True, *several))
         rest = on_windows(replace(fit, model=model, theta=model.nominal(theta)), tried.windows)
-        meant = _of_masses(tried.candidates, tried.null)
-        tried.add(rest, meant, SEARCH.shortlist, share, SEARCH.promising)
+        own = _of_masses(tried.candidates, tried.null) if len(several) == 2 else tried.candidates
+        tried.add(rest, own, SEARCH.shortlist, share, SEARCH.promising)
 
 
 def _of_masses(effects: Iterable[EffectInstance], null: Fit) -> list[EffectInstance]:
@@ -512,11 +512,11 @@ def _search(
 
 def _improve(tried: Tried, share: ComputeBudget) -> list[Score]:
     """Tries the neighbours of the best models until none is better; scores of further effects."""
-    simplify(tried)
-    best, idle = tried.best(), 0
+    weighed, idle = tried.best(), 0  # whose random forces weigh all
     scores: list[Score] = []
+    simplify(tried)
     while idle <= SEARCH.patience and not share.used_up:
-        before, known = best, tried.bic(best)
+        known = tried.bic(best := tried.best())
         scores = tried.neighbours(best, share) or scores
         if best.model.plant.costly and not idle and tried.best() is best:
             relieve(tried, best)
@@ -526,11 +526,11 @@ def _improve(tried: Tried, share: ComputeBudget) -> list[Score]:
                 told = tried.neighbours(fit, share, part)
                 scores = told if fit is best and told else scores
         best = tried.best()
-        if best is not before or known - tried.bic(best) > SEARCH.bic_gain:
+        if best is not weighed or known - tried.bic(best) > SEARCH.bic_gain:
             tried.weigh_by(best)
             tried.keep(fit_model(best.model, tried.windows, best.theta, best.x0))
+            weighed, idle = tried.best(), 0
             simplify(tried)
-            best, idle = tried.best(), 0
         else:
             idle += 1
     return scores

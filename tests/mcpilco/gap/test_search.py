@@ -18,6 +18,7 @@ from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.search import (
     Tried,
     _exchange,
+    _gather,
     _improve,
     _next,
     _reconsider,
@@ -286,6 +287,44 @@ def test_one_effect_of_masses_is_tried_in_the_place_of_several_that_imitate_it()
     assert {*tried.best().model.effects} == {inertia, mass}
     simplify(tried)
     assert {*tried.best().model.effects} == {center}
+
+
+def test_anything_is_tried_in_the_place_of_three_effects_of_masses(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two may imitate another one of masses; a spring and a gain were told as three and more."""
+    _, windows, null = lagging
+    masses = [active(name, "pendulum") for name in ("body_mass", "body_inertia", "center_of_mass")]
+    tried = Tried.begun(null, windows, [*masses, LAG])
+    asked: list[list[EffectInstance]] = []
+    monkeypatch.setattr(tried, "add", lambda fit, some, *_: asked.append([*some]) or [])
+    model, theta = null.model, null.theta
+    for mass in masses:
+        model, theta = model.grown(theta, mass, [0.01])
+        for _ in range(2):  # nothing is asked twice
+            _gather(tried, replace(null, model=model, theta=theta))
+    assert asked == [masses, [*masses, LAG]]
+
+
+def test_what_plainer_forms_lead_to_is_weighed_by_its_own_random_forces(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By those of a model that misses an effect, what is slight promises nothing."""
+    known, windows, null = lagging
+    tried = Tried.begun(null, windows, [])
+    model, theta = null.model.grown(null.theta, LAG, [0.05])
+    plainer = [fitted(model, tried.windows, theta)]
+    module, weigh = importlib.import_module("mcpilco.gap.search"), Tried.weigh_by
+    weighed: list[set[EffectInstance]] = []
+
+    def spied(self: Tried, best: Fit) -> None:
+        weighed.append({*best.model.effects})
+        weigh(self, best)
+
+    monkeypatch.setattr(module, "simplify", lambda its: plainer and its.keep(plainer.pop()))
+    monkeypatch.setattr(Tried, "weigh_by", spied)
+    _improve(tried, known.budget.share(1.0))
+    assert weighed == [{LAG}]
 
 
 def test_where_the_likeliest_model_explains_too_little_another_may_be_due_to_the_priors(
