@@ -317,7 +317,7 @@ def write_readme(out: Path) -> None:
             if ours_here := [one for one in judged_ones if one["robot"] == robot]:
                 parts += [f"### {robot.capitalize()}", board(robot, ours_here)]
         parts += ["### Each seed", shares(judged_ones), "### The score", scores(judged_ones)]
-        parts += [places(found)]
+        parts += [unjudged([one for one in found if one not in judged_ones]), places(found)]
     fill(out / "README.md", parts, template=HERE / "README.md")
 
 
@@ -355,6 +355,12 @@ def shares(found: list[dict[str, Any]]) -> str:
         for r in found
     ]
     return markdown(header, rows)
+
+
+def unjudged(found: list[dict[str, Any]]) -> str:
+    """A sentence on what was learned and is not judged; nothing where all is."""
+    names = [f"{robot}, {variant}, seed {seed}" for robot, variant, seed in map(_who, found)]
+    return f"Learned, and not judged: {'; '.join(names)}." if names else ""
 
 
 def scores(found: list[dict[str, Any]]) -> str:
