@@ -8,7 +8,8 @@ and constant that it uses, and those that these use, through imports, also insid
 through the lazy `__init__` of a room. What only a table or a picture needs is not reached.
 Comments, docstrings and the layout of the code do not count; the files that the code names, such as
 `cartpole.xml`, do. What is found by a string (the class of an env or an algorithm) is not seen:
-`made_by` names it beside the function.
+`made_by` names it beside the function. What says which code made a result makes none, and is left
+out.
 """
 
 from __future__ import annotations
@@ -40,6 +41,8 @@ def sources() -> dict[Path, bytes]:
 
 SOURCES = sources()
 """all files of code as this process found them when it began: a run may take hours"""
+SAYS = ("all_tables.py", "evidence.py", "provenance.py")
+"""those of runs/ that say by which code a result was made, and which seeds were chosen on"""
 
 
 class Node(NamedTuple):
@@ -76,7 +79,8 @@ class Code:
         waiting = list(self._roots)
         while waiting:
             node = waiting.pop()
-            if node not in reached:
+            says = node.path.parent == RUNS and node.path.name in SAYS
+            if node not in reached and not says:
                 reached.add(node)
                 waiting += _reached_from(node)
         return frozenset(reached)

@@ -43,12 +43,14 @@ FILES = {
     "mcpilco/arm.xml": "<arm/>",
     "envs/arm.py": "class Arm:\n    pass\n",
     "runs/harness.py": "def fill():\n    pass\ndef keep():\n    pass\n",
+    "runs/all_tables.py": "TABLES = (1,)\ndef table_of():\n    return TABLES\n",
     "runs/one/run.py": (
         "from harness import fill, keep\n"
+        "from all_tables import table_of\n"
         "from pages import table\n"
         "from mcpilco.gap import find\n"
         "SIZE = 1\n"
-        "def solve():\n    return find(SIZE)\n"
+        "def solve():\n    table_of()\n    return find(SIZE)\n"
         "def main():\n    keep(solve())\n    fill(table())\n"
     ),
     "runs/one/pages.py": "from mcpilco.show import Page\ndef table():\n    return Page()\n",
@@ -106,6 +108,7 @@ def test_a_change_of_what_a_result_reaches_changes_its_digest(project, change):
         {"def fill():\n    pass": "def fill():\n    return"},
         {"open('arm.xml')": "open('leg.xml')"},
         {"<arm/>": "<leg/>"},
+        {"TABLES = (1,)": "TABLES = (2,)"},
         {"class Arm:\n    pass": "class Arm:\n    mass = 1"},
     ],
     ids=str,
