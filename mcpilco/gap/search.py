@@ -303,7 +303,8 @@ class Tried:
             if key not in begun or grown.chi2 < begun[key].chi2:
                 begun[key] = grown
             taken = (view.by_window.sum() - grown.chi2) * len(self.windows) / len(few)
-            if fit.model.plant.timestep_s and taken >= score.gain:  # far less cannot compare
+            stepped = fit.model.plant.timestep_s > 0.0
+            if stepped and taken >= score.gain:  # what promises far less cannot compare
                 least = max(least, SEARCH.as_much * score.gain)
         closest = sorted(begun.values(), key=lambda grown: grown.chi2)
         if dear and closest:  # those that explain half of what the first does
@@ -404,19 +405,18 @@ def relieve(tried: Tried, fit: Fit, but: EffectInstance | None = None) -> None:
 
 
 def _gather(tried: Tried, fit: Fit) -> None:
-    """Fits a model with one effect in the place of several of masses, which may imitate it.
+    """Fits a model with one effect of masses in the place of several, which may imitate it.
 
-    Two may imitate another one of masses, more of them anything. It begins with the nominal masses:
-    without the several a fit bends these to do the same.
+    It begins with the nominal masses: without the several a fit bends these to do the same.
     """
     several = _of_masses(fit.model.effects, tried.null)
     model, theta = shrunk(fit, several, tried.null)
     ours, share = frozenset(model.effects), model.budget.share(1.0)
-    if len(several) > 1 and (ours, True, *several) not in tried.grown:
-        tried.grown.add((ours, True, *several))
+    if len(several) > 1 and (ours, True, several[0]) not in tried.grown:
+        tried.grown.add((ours, True, several[0]))
         rest = on_windows(replace(fit, model=model, theta=model.nominal(theta)), tried.windows)
-        own = _of_masses(tried.candidates, tried.null) if len(several) == 2 else tried.candidates
-        tried.add(rest, own, SEARCH.shortlist, share, SEARCH.promising)
+        meant = _of_masses(tried.candidates, tried.null)
+        tried.add(rest, meant, SEARCH.shortlist, share, SEARCH.promising)
 
 
 def _of_masses(effects: Iterable[EffectInstance], null: Fit) -> list[EffectInstance]:

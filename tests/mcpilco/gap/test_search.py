@@ -18,7 +18,6 @@ from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.search import (
     Tried,
     _exchange,
-    _gather,
     _improve,
     _next,
     _reconsider,
@@ -287,23 +286,6 @@ def test_one_effect_of_masses_is_tried_in_the_place_of_several_that_imitate_it()
     assert {*tried.best().model.effects} == {inertia, mass}
     simplify(tried)
     assert {*tried.best().model.effects} == {center}
-
-
-def test_anything_is_tried_in_the_place_of_three_effects_of_masses(
-    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Two may imitate another one of masses; a spring and a gain were told as three and more."""
-    _, windows, null = lagging
-    masses = [active(name, "pendulum") for name in ("body_mass", "body_inertia", "center_of_mass")]
-    tried = Tried.begun(null, windows, [*masses, LAG])
-    asked: list[list[EffectInstance]] = []
-    monkeypatch.setattr(tried, "add", lambda fit, some, *_: asked.append([*some]) or [])
-    model, theta = null.model, null.theta
-    for mass in masses:
-        model, theta = model.grown(theta, mass, [0.01])
-        for _ in range(2):  # nothing is asked twice
-            _gather(tried, replace(null, model=model, theta=theta))
-    assert asked == [masses, [*masses, LAG]]
 
 
 def test_what_plainer_forms_lead_to_is_weighed_by_its_own_random_forces(
