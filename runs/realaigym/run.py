@@ -317,7 +317,7 @@ def write_readme(out: Path) -> None:
             if ours_here := [one for one in judged_ones if one["robot"] == robot]:
                 parts += [f"### {robot.capitalize()}", board(robot, ours_here)]
         parts += ["### Each seed", shares(judged_ones), "### The score", scores(judged_ones)]
-        parts += [unjudged([one for one in found if one not in judged_ones]), places(found)]
+        parts += [unjudged([one for one in found if "robustness" not in one]), places(found)]
     fill(out / "README.md", parts, template=HERE / "README.md")
 
 
