@@ -437,8 +437,8 @@ def _exchange(
         return
     other = tried.keep(fit_model(model, tried.windows, theta, fit.x0, iterations=8))
     if tried.bic(other) > tried.bic(fit) and not model.plant.costly:  # its starts were the fit's
-        x0 = fit_initial_states(model, tried.windows, other.theta)
-        tried.keep(fit_model(model, tried.windows, other.theta, x0, iterations=8))
+        x0 = fit_initial_states(other.model, tried.windows, other.theta)
+        tried.keep(fit_model(other.model, tried.windows, other.theta, x0, iterations=8))
 
 
 def finish(tried: Tried) -> None:

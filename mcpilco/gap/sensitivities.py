@@ -154,16 +154,16 @@ def linearise(
     low, high = model.bounds
     thetas = np.clip(thetas, low, high)
     y = run(model, windows, thetas, moved)
-    r = residual(windows, y)
+    # not where residuals are large: behind a fine encoder they are thousands of noise std
+    lost = (~np.isfinite(y) & windows.measured).any(axis=0)
+    r = residual(windows, np.where(lost, y[0], y))
     ups, downs = np.split(thetas[S:, new], 2)
     spans = np.diag(ups - downs).copy() if p else np.zeros(0)
     spans[spans == 0.0] = np.inf  # so large that no step changes them
     before = r[1 + X : S] if sides == 2 else r[0]
     Jx = (before - r[1 : 1 + X]) / (sides * nudges)[:, None, None]
     Jp = (r[S + p :] - r[S : S + p]) / spans[:, None, None]
-    # not where residuals are large: behind a fine encoder they are thousands of noise std
-    lost = (~np.isfinite(y) & windows.measured).any(axis=0).reshape(len(x0), -1)
-    Jx[:, lost], Jp[:, lost] = 0.0, 0.0
+    lost = lost.reshape(len(x0), -1)
     columns = Jp.transpose(1, 2, 0)
     if over_theta and model.learned:
         learned = _learned_force_columns(model, windows, theta, x0, y[0])

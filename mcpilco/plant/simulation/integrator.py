@@ -43,6 +43,9 @@ BEGINNINGS = 10
 """turns in which memories and accelerations at a start are found from one another"""
 RUNAWAY = 1e4
 """velocity beyond which a motion is given up [m/s or rad/s]"""
+AIMED = 0.9
+"""part of the speed over which dry friction turns over by which a step may cross rest, where it is
+cut to that [-]: cut to the whole, steps come ever closer to it from above, and none is taken"""
 MOST_STEPS = 20000.0
 """in a second, beyond which a motion is given up: it is stiff beyond use"""
 
@@ -219,7 +222,7 @@ def turning(tables, s, v, tv, kq, kv, h):
         turns = (width > 0.0) & (v[j] * tv[j] < 0.0) & (change > width)
         turns = turns & (h * abs(kv[6, j] - kv[0, j]) > VELOCITY_TOLERANCE)
         if anywhere(turns):
-            before = max(abs(v[j]) - width, width) / where(turns, change, 1.0)
+            before = max(abs(v[j]) - width, AIMED * width) / where(turns, change, 1.0)
             part = min(part, where(turns, before, 1.0))
     return part
 

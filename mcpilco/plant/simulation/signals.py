@@ -77,7 +77,7 @@ def look(tables, s, q, v, k, now, dt, every, y, filters):
         latency = tables.sensors[s, x, LATENCY]
         if within(-latency, dt) == now:
             row, between = divmod(k + round((now + latency) / dt), every)
-            if between == 0 and row < y.shape[1]:
+            if between == 0 and 0 <= row < y.shape[1]:
                 j, sensor = x // 2, tables.sensors[s, x]
                 seen = v[j] if x % 2 else q[j]
                 if sensor[FILTER] > 0.0:

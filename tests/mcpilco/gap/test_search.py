@@ -237,6 +237,33 @@ def test_effects_are_exchanged_though_the_starts_of_a_fit_suit_others_alone() ->
     assert tried.bic(tried.fits[frozenset({UNEVEN})]) == pytest.approx(tried.bic(two), abs=10.0)
 
 
+def test_starts_are_fitted_to_the_model_of_a_fit_whose_effects_came_in_another_order(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The numbers of one order, read in the other, make a friction of a lag."""
+    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), [(UNEVEN, (0.14, 0.06, 2e-3))])
+    null, windows = fit_nominal(known.model(known.windows()), known.windows())
+    tried = Tried.begun(null, windows, [UNEVEN, FRICTION, LAG])
+    model, theta = null.model.grown(null.theta, FRICTION, [0.1, 2e-3])
+    model, theta = model.grown(theta, LAG, [0.01])
+    kept = tried.keep(fitted(model, tried.windows, theta))
+    model, theta = null.model.grown(null.theta, UNEVEN, [0.14, 0.06, 2e-3])
+    model, theta = model.grown(theta, LAG, [0.01])
+    best = tried.keep(fitted(model, tried.windows, theta))
+    module, asked = importlib.import_module("mcpilco.gap.search"), []
+
+    def spied(model: PlantModel, windows: Windows, theta: np.ndarray) -> np.ndarray:
+        asked.append((model.effects, theta))
+        return fit_initial_states(model, windows, theta)
+
+    monkeypatch.setattr(module, "fit_initial_states", spied)
+    monkeypatch.setattr(module, "fit_model", lambda *_, **__: replace(kept, theta=0.9 * kept.theta))
+    _exchange(tried, best, [UNEVEN], {FRICTION: [0.1, 2e-3]})
+    ((effects, numbers),) = asked
+    assert effects == kept.model.effects == (FRICTION, LAG)
+    np.testing.assert_array_equal(numbers, kept.theta)
+
+
 def test_a_friction_and_a_lag_are_tried_as_a_motor_under_a_voltage() -> None:
     known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), [(MOTOR, (0.05, 0.04))])
     windows, viscous = known.windows(), active("viscous_friction", "pendulum")

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import envs
 from mcpilco.gap.data import GapProblem
+from mcpilco.gap.disturbance import Disturbance
+from mcpilco.gap.fit import Fit
 from mcpilco.gap.horizon import followed
 from mcpilco.gap.sensitivities import impulse_responses, linearise, run
 from mcpilco.plant import CATALOGUE, EffectInstance
@@ -88,6 +92,34 @@ def test_columns_of_what_a_prior_holds_are_taken_over_where_the_others_are_made_
     np.testing.assert_array_equal(found.Jp[..., free], whole.Jp[..., free])
     np.testing.assert_array_equal(found.Jx, whole.Jx)
     assert (whole.Jp[..., free] != near.Jp[..., free]).any()
+
+
+def test_samples_that_one_simulation_loses_leave_what_was_whitened_with_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Weights of random forces mix the samples of a window: what is lost must not enter them."""
+    recordings = [record(np.random.default_rng(0), lambda q, v: 0.0, 0)]
+    problem = GapProblem.of(envs.PLANTS["mcpilco/Pendulum-v0"](), recordings, 0.01, (), {})
+    windows = problem.windows()[:3]
+    model = problem.model(windows)
+    fit = Fit(model, np.zeros(model.nuisances), windows.guess, np.ones(3))
+    forces, known = Disturbance.of(fit, windows), windows.y.shape[2] - 5
+    weighed = forces.whitened(replace(forces.evidence(fit), std=np.full(1, 0.1)))
+    sensitivities = importlib.import_module("mcpilco.gap.sensitivities")
+
+    def losing(*given: Any) -> np.ndarray:
+        y = run(*given)
+        y[-1, 1, :, known:] = np.nan
+        return y
+
+    plain = linearise(model, windows, fit.theta, fit.x0)
+    monkeypatch.setattr(sensitivities, "run", losing)
+    found = linearise(model, weighed, fit.theta, fit.x0)
+    columns = plain.Jp.copy()
+    columns[1].reshape(*windows.y.shape[1:], -1)[:, known:] = 0.0
+    assert weighed.whitening is not None
+    expected = weighed.whitening(columns.transpose(2, 0, 1)).transpose(1, 2, 0)
+    np.testing.assert_allclose(found.Jp, expected, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.slow

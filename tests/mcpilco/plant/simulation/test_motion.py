@@ -311,6 +311,19 @@ def test_a_motion_that_runs_away_is_lost_from_there_on_and_alone():
         np.testing.assert_array_equal(y[s], one[0])
 
 
+@pytest.mark.parametrize("plant", [pendulum(), double_pendulum()], ids=["one joint", "two"])
+def test_no_motion_is_lost_where_dry_friction_turns_over(plant):
+    """A step that ends at rest must not be cut for ever to one that is hardly shorter."""
+    rng, friction = np.random.default_rng(0), CATALOGUE["coulomb_friction"]
+    sticky = plant.having([(EffectInstance(friction, plant.layout.joints[0]), [1.0, 3e-3])])
+    starts = rng.normal(0.0, 1.0, (1000, len(plant.layout.states)))
+    commands = rng.uniform(-2.0, 2.0, (1000, 1, len(plant.layout.inputs)))
+    commands = commands * np.sin(np.linspace(0.0, 6.0, 200))[None, :, None]
+    tables, zero = sticky.tables(sticky.nominal[None]), np.zeros(1000, int)
+    y = sticky.run(tables, zero, starts, np.arange(1000), commands, 0, 5e-3, accuracy=10.0)
+    assert np.isfinite(y).all()
+
+
 def test_a_batch_of_systems_equals_a_loop_over_them():
     rng = np.random.default_rng(0)
     plant = cart_pole()
