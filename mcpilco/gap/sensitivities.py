@@ -53,13 +53,12 @@ def run(
 
 def residual(windows: Windows, y: Float[np.ndarray, "... W X T"]) -> Float[np.ndarray, "... W n"]:
     """(measured - simulated) / noise std, whitened; 0 where nothing was measured."""
-    r = (windows.y - y) / windows.std[:, None]
-    reached = np.isfinite(y)
-    if not reached.all():
-        r[~reached] = LOST
-    np.copyto(r, 0.0, where=~windows.measured)
-    r = r.reshape(*r.shape[:-2], -1)
-    return r if windows.whitening is None else windows.whitening(r)
+    r, lost = (windows.y - y) / windows.std[:, None], ~np.isfinite(y) & windows.measured
+    np.copyto(r, 0.0, where=lost | ~windows.measured)
+    r, lost = (part.reshape(*y.shape[:-2], -1) for part in (r, lost))
+    r = r if windows.whitening is None else windows.whitening(r)
+    r[lost] = LOST
+    return r
 
 
 def residuals_at(

@@ -90,6 +90,11 @@ class Scale:
         return 0.1 * self.velocity
 
     @property
+    def wave(self) -> float:
+        """Waves of a force of position of which the joint was at all places of one [1/m, 1/rad]."""
+        return math.pi / max(self.position, 1e-6)
+
+    @property
     def stiffness(self) -> float:
         """Of a spring on which the joint would swing as fast as can be seen [N/m or N m/rad]."""
         return self.inertia * (math.pi / self.dt) ** 2

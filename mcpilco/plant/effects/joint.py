@@ -289,11 +289,16 @@ class ConstantForce(JointForce):
 class PositionRipple(JointForce):
     """s sin(n q) + c cos(n q): the magnets' detent, or a gear's.
 
-    On a hinge n is at least 1.9 waves a turn: slower ones imitate gravity.
+    On a hinge n is at least 1.9 waves a turn: slower ones imitate gravity. And it is at least one
+    over the places that the joint was at: less of a wave imitates an offset and a spring.
     """
 
     name = "position_ripple"
-    symbols = (Symbol("s", "{f}"), Symbol("c", "{f}"), Symbol("n", "1/{q}", 10.0, 1.9))
+    symbols = (
+        Symbol("s", "{f}"),
+        Symbol("c", "{f}"),
+        Symbol("n", "1/{q}", 10.0, 1.9, within=("wave", 1.0, np.inf)),
+    )
     fastest = 40.0
     """to which waves are sought, where these are not too many [1/{q}]: slots of usual motors"""
     counts = 60, 240
@@ -307,6 +312,7 @@ class PositionRipple(JointForce):
         small = SMALL * scale.force
         # neighbouring waves are half a period apart over the range that was visited
         step = np.pi / max(2.0 * scale.position, 1.0)
-        count = np.clip((self.fastest - 2.0) / step, *self.counts)
-        waves = 2.0 + step * np.arange(int(count))
+        slowest = max(2.0, self.symbols[2].bounds(scale)[0])
+        count = np.clip((self.fastest - slowest) / step, *self.counts)
+        waves = slowest + step * np.arange(int(count))
         return [Probe(np.array([[small, 0.0, n], [0.0, small, n]])) for n in waves]

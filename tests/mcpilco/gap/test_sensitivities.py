@@ -14,7 +14,7 @@ from mcpilco.gap.data import GapProblem
 from mcpilco.gap.disturbance import Disturbance
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.horizon import followed
-from mcpilco.gap.sensitivities import impulse_responses, linearise, run
+from mcpilco.gap.sensitivities import LOST, impulse_responses, linearise, residual, run
 from mcpilco.plant import CATALOGUE, EffectInstance
 from mcpilco.recordings import Recording
 from mcpilco.typing import InputError
@@ -120,6 +120,10 @@ def test_samples_that_one_simulation_loses_leave_what_was_whitened_with_them(
     assert weighed.whitening is not None
     expected = weighed.whitening(columns.transpose(2, 0, 1)).transpose(1, 2, 0)
     np.testing.assert_allclose(found.Jp, expected, atol=1e-9 * np.abs(expected).max())
+    y = losing(model, windows, fit.theta[None], fit.x0[None])[0]
+    missed = residual(weighed, y).reshape(y.shape)
+    assert (missed[1, 0, known:] == LOST).all()  # the angle, which alone was measured
+    assert np.abs(missed[1, :, :known]).max() < 0.1 * LOST
 
 
 @pytest.mark.slow
