@@ -193,7 +193,7 @@ def investigate(
 
 MOVE = "Record with `mcpilco record --policy excitation`, which moves a plant so that effects show."
 LONGER = f"Record longer: {DATA.fewest_windows} windows of one second are needed, there are"
-IN_STEPS = "It moves in timesteps of {:g} ms, as a simulator does; these are allowed for."
+IN_STEPS = "It moves as in timesteps of {:g} ms, or is read half of that late; this is allowed for."
 AT_REST = f"Nothing moves: no position changes by more than its noise. {MOVE}"
 
 

@@ -434,7 +434,7 @@ class ChainPlant(Plant):
 
     @property
     def least_s(self) -> float:
-        return self.file_timestep_s
+        return self.file_timestep_s if self.stepped else 0.0
 
     def in_steps(self, part: float = 1.0) -> Self:
         return self if self.integrator is None else replace(self, stepped=part)
