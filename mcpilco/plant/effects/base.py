@@ -91,7 +91,7 @@ class Scale:
 
     @property
     def wave(self) -> float:
-        """Waves of a force of position of which the joint was at all places of one [1/m, 1/rad]."""
+        """Wave number of which one wave spans the places that the joint was at [1/m or 1/rad]."""
         return math.pi / max(self.position, 1e-6)
 
     @property

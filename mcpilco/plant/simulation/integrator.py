@@ -44,8 +44,8 @@ BEGINNINGS = 10
 RUNAWAY = 1e4
 """velocity beyond which a motion is given up [m/s or rad/s]"""
 AIMED = 0.9
-"""part of the speed over which dry friction turns over by which a step may cross rest, where it is
-cut to that [-]: cut to the whole, steps come ever closer to it from above, and none is taken"""
+"""to which a step is cut that crosses rest too fast, in speeds over which dry friction turns over
+[-]: cut to that speed itself, steps come ever closer to it from above, and none is taken"""
 MOST_STEPS = 20000.0
 """in a second, beyond which a motion is given up: it is stiff beyond use"""
 
