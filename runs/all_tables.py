@@ -325,9 +325,10 @@ TABLES = (
     Table("rig", "results/timing-*.json", ("measure:timing", *AGENT, CART_POLE), seeded=False),
     Table("rig", "results/faults.json", ("measure:faults", *AGENT, CART_POLE)),
     Table("rig", "results/fuzz.json", ("measure:fuzz",)),
-    *(
-        Table("rig", files, ("crossings:crossed", "rig:Rig", *AGENT, CROSS, CART_POLE))
-        for files in ("results/crossings/*.json", "results/earlier/*.json")
+    Table(
+        "rig",
+        "results/crossings/*.json",
+        ("crossings:crossed", "rig:Rig", *AGENT, CROSS, CART_POLE),
     ),
     Table("speed", "results.json", ("measures:ratio", "measures:memory", "parts:shares")),
     Table("ting_robots", "results/*/*.json", ("run:trial",), again=SEED),

@@ -35,7 +35,7 @@ def write():
     path.write_text("\n".join([before + BEGIN, "", *lines, END + after]))
 
 
-def crossings(found, title="Crossings"):
+def crossings(found):
     def share(one, leg, place):
         return f"{100 * one[leg][place][0]:.0f}" if leg in one else "none tried"
 
@@ -62,7 +62,7 @@ def crossings(found, title="Crossings"):
         f"{good['corrected']} after the corrected simulation, {good['nominal']} after the nominal."
     )
     head = ["seed", "hidden (SI)", "named", "nominal [%]", "promised [%]", "corrected [%]"]
-    return [f"### {title}", "", said, "", *table([*head, "minutes", "commands", "load"], rows)]
+    return ["### Crossings", "", said, "", *table([*head, "minutes", "commands", "load"], rows)]
 
 
 def timing(found):
@@ -102,13 +102,8 @@ def fuzz(found):
     return ["### Fuzzed packets", "", said, "", *table(["packets", "sent", "counted"], rows)]
 
 
-def earlier(found):
-    return crossings(found, "Crossings with an earlier search of `mcpilco gap`")
-
-
 PARTS = {
     "crossings/*": crossings,
-    "earlier/*": earlier,
     "timing-*": timing,
     "faults": faults,
     "fuzz": fuzz,
