@@ -321,6 +321,7 @@ TABLES = (
             PENDUBOT,
         ),
         "0:3",
+        again="--only {0}",
     ),
     Table("rig", "results/timing-*.json", ("measure:timing", *AGENT, CART_POLE), seeded=False),
     Table("rig", "results/faults.json", ("measure:faults", *AGENT, CART_POLE)),

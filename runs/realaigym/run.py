@@ -25,9 +25,10 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 from time import process_time
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import gymnasium
 import imageio_ffmpeg
@@ -133,14 +134,16 @@ SHARES = ("model", "measurement_noise", "u_noise", "u_responsiveness", "delay", 
 class Arguments:
     """Learn, judge by the boards' scripts, and write the tables."""
 
-    checkout: Path
-    """of dfki-ric-underactuated-lab/double_pendulum"""
+    checkout: Path | None = None
+    """of dfki-ric-underactuated-lab/double_pendulum; by default the one that MCPILCO_BOARD names"""
     robots: tuple[Robot, ...] = ("pendubot",)
     """whose boards"""
     variants: tuple[Literal[*VARIANTS], ...] = ("full",)
     """what is learned and put beside it"""
     seeds: str = "0:1"
     """`0:3` are 0 to 2"""
+    only: str = ""
+    """name of one result, such as `pendubot-full-0140`, in place of robots, variants and seeds"""
     learn_only: bool = False
     """judge nothing"""
     out: Path | None = None
@@ -151,24 +154,47 @@ def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
     if not arguments.learn_only and (missing := [name for name in NEEDED if not find_spec(name)]):
         raise SystemExit(f"The checkout's scripts need {', '.join(missing)}: install them first.")
+    checkout = arguments.checkout or Path(os.environ.get("MCPILCO_BOARD", "."))
+    if not arguments.learn_only and not (checkout / "leaderboard").is_dir():
+        raise SystemExit(
+            f"--checkout, or MCPILCO_BOARD, must be a clone of double_pendulum, got {checkout}: "
+            "it has no folder `leaderboard`."
+        )
     use_one_thread()
     out = folder(HERE, arguments.out, False)
-    for robot in arguments.robots:
-        for variant in arguments.variants:
-            for seed in parse_seeds(arguments.seeds):
-                name = f"{robot}-{variant.replace(' ', '-')}-{seed:04d}"
-                path = out / "results" / f"{name}.json"
-                if path.exists():
-                    found = read_json(path)
-                else:
-                    found = learned(robot, variant, seed, name)
-                    keep(path, found, HERE.name)
-                if not arguments.learn_only and "robustness" not in found:
-                    found = found | judged(robot, name, arguments.checkout.resolve())
-                    keep(path, found, HERE.name, continued=True)
-                print(f"{name}: {read_json(path)}", flush=True)
-                write_readme(out)
+    for robot, variant, seed in asked(arguments):
+        name = named(robot, variant, seed)
+        path = out / "results" / f"{name}.json"
+        if path.exists():
+            found = read_json(path)
+        else:
+            found = learned(robot, variant, seed, name)
+            keep(path, found, HERE.name)
+        if not arguments.learn_only and "robustness" not in found:
+            found = found | judged(robot, name, checkout.resolve())
+            keep(path, found, HERE.name, continued=True)
+        print(f"{name}: {read_json(path)}", flush=True)
+        write_readme(out)
     return 0
+
+
+def asked(arguments: Arguments) -> list[tuple[Robot, str, int]]:
+    """The robots, variants and seeds of the command."""
+    if not arguments.only:
+        return [*product(arguments.robots, arguments.variants, parse_seeds(arguments.seeds))]
+    number = arguments.only.rpartition("-")[2]
+    seeds = (int(number),) if number.isdecimal() else ()
+    every = product(get_args(Robot), VARIANTS, seeds)
+    if one := [each for each in every if named(*each) == arguments.only]:
+        return one
+    raise SystemExit(
+        f"--only must be such as {named('pendubot', 'full', 140)}, got {arguments.only}."
+    )
+
+
+def named(robot: Robot, variant: str, seed: int) -> str:
+    """The name of a result's file."""
+    return f"{robot}-{variant.replace(' ', '-')}-{seed:04d}"
 
 
 @dataclass(frozen=True)

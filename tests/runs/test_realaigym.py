@@ -284,6 +284,24 @@ def test_what_the_scripts_lack_is_told_before_a_policy_is_learned(run, tmp_path,
         run.main()
 
 
+def test_a_folder_without_the_boards_is_told_before_a_policy_is_learned(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "NEEDED", ())
+    monkeypatch.setattr(run, "learned", lambda *_: pytest.fail("a policy was learned"))
+    monkeypatch.setenv("MCPILCO_BOARD", str(tmp_path))
+    monkeypatch.setattr("sys.argv", ["run.py", "--out", str(tmp_path)])
+    with pytest.raises(SystemExit, match="must be a clone of double_pendulum"):
+        run.main()
+
+
+def test_one_result_is_named_by_its_file(run):
+    only = run.Arguments(only="pendubot-without-spread-0130")
+    assert run.asked(only) == [("pendubot", "without spread", 130)]
+    for name in ("pendubot-fool-0130", "pendubot-full"):
+        with pytest.raises(SystemExit, match="--only must be such as"):
+            run.asked(run.Arguments(only=name))
+    assert run.asked(run.Arguments(seeds="3:5")) == [("pendubot", "full", s) for s in (3, 4)]
+
+
 def test_our_means_stand_among_the_rows_that_are_published(run, tmp_path):
     about = {"robot": "pendubot", "variant": "full", "experience_s": 8.0, "cpu_s": 50.0}
     about |= {"machine": {"cpu": "a processor", "cores": 2}}
