@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
@@ -193,9 +194,8 @@ def still_missed(
     """Of windows that seemed to hold an event, those that still do, and those that a model fits.
 
     The widest swings may seem to hold one, for no other tells the force at their ends. So the model
-    is fitted to them too, as far as windows count that are missed by more than the others.
-
-    `best` is the model, fitted to the other `windows`; `train` numbers recordings for its fit.
+    is fitted to them too, as far as windows count that are missed by more than the others. `best`
+    is fitted to the other `windows`; `train` numbers recordings for its fit.
     """
     if not len(masked):
         return masked, masked
@@ -288,12 +288,11 @@ def _far(fit: Fit, short: Windows) -> Bool[np.ndarray, " W"]:
     """Windows in which a far larger force is missed than usual, and their weaker neighbours."""
     response = force_response(fit, short, FORCE.short_s)
     G, r = response.G, response.r
-    precision = np.einsum("wni,wnj->wij", G, G) + np.eye(G.shape[2])
-    covariance = np.linalg.inv(precision)
+    covariance = np.linalg.inv(np.einsum("wni,wnj->wij", G, G) + np.eye(G.shape[2]))
     force = np.abs(np.einsum("wij,wnj,wn->wi", covariance, G, r))
     std = np.sqrt(np.einsum("wii->wi", covariance))
     size = force / np.maximum(np.median(force, axis=0), 1e-12)
-    least = np.maximum(EVENT.sure * std, EVENT.of_acting * _acting(fit, short))
+    least = np.maximum(EVENT.sure * std, EVENT.of_acting * _acting(fit, short)[:, response.joint])
     strong = ((size > EVENT.strong) & (force > least)).any(axis=1)
     weak, far = (size > EVENT.weak).any(axis=1), strong.copy()
     for run in runs(short):  # and weak ones that are joined to them by weak ones
@@ -325,9 +324,8 @@ def without_bursts(problem: GapProblem, best: Fit) -> tuple[GapProblem, tuple[Ev
 
     `best` is the best model, which bursts that were not seen may have bent.
     """
-    short, quiet = _short(problem), problem
+    short, quiet, share = _short(problem), problem, problem.budget.share(BUDGET.bursts)
     spans: tuple[Event, ...] = ()
-    share = problem.budget.share(BUDGET.bursts)
     for _ in range(EVENT.burst_passes):
         before, spans = spans, bursts(best, short, problem.recordings)
         quiet = _with_gaps(problem, spans)
@@ -341,9 +339,8 @@ def without_bursts(problem: GapProblem, best: Fit) -> tuple[GapProblem, tuple[Ev
 
 def foreseen(spans: Sequence[Event], problem: GapProblem, best: Fit) -> bool:
     """Whether some spans are no events, for a force of state and command predicts them."""
-    if not spans:
-        return False
-    return len(unforeseen(spans, best, _short(problem), problem.recordings)) < len(spans)
+    short = _short(problem)
+    return bool(spans) and len(unforeseen(spans, best, short, problem.recordings)) < len(spans)
 
 
 def _short(problem: GapProblem) -> Windows:
@@ -354,25 +351,18 @@ def _short(problem: GapProblem) -> Windows:
 def _with_gaps(problem: GapProblem, spans: Sequence[Event]) -> GapProblem:
     """The problem without these spans; as it is where too little would be left."""
     quiet = problem.without(spans) if spans else problem
-    enough = _count(quiet, quiet.train) >= DATA.fewest_windows and _count(quiet, quiet.held_out)
-    return quiet if enough else problem
-
-
-def _count(problem: GapProblem, numbers: Sequence[int]) -> int:
-    """How many windows there are of some recordings."""
-    try:
-        return len(problem.windows(numbers))
-    except InputError:
-        return 0
+    with suppress(InputError):  # there are none
+        fitted, unseen = (quiet.windows(numbers) for numbers in (quiet.train, quiet.held_out))
+        return quiet if len(fitted) >= DATA.fewest_windows and len(unseen) else problem
+    return problem
 
 
 def recurring(spans: Sequence[Event], problem: GapProblem) -> Disagreement | None:
     """Where a joint is when nearly all events happen, and seldom without one; None: anywhere.
 
     Of each interval of positions the visits are counted, and those with an event of their own.
-    Events from outside would hit them by chance: a binomial test, corrected for all intervals.
-
-    The problem has no gaps at the events.
+    Events from outside would hit them by chance: a binomial test, corrected for all intervals. The
+    problem has no gaps at the events.
 
     Reference: Dunn, Multiple comparisons among means, JASA 56 (1961), for the correction.
     """

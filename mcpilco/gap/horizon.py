@@ -1,8 +1,9 @@
-"""How far a machine that touches things can be followed, in which timesteps, and with what noise.
+"""How far a machine that touches things can be followed, in which timesteps, and what is noise.
 
 Behind an impact a motion does not answer smoothly to its start, and fits lose it: windows end
-before. Nor do recordings alone tell what is noise there, for an impact is as sudden. What even the
-nominal plant leaves over a few samples is more than the noise, and far less than a smooth curve.
+before. Nor do recordings alone tell what is noise there, for an impact is as sudden, or between
+samples far apart. What even the nominal plant leaves of a few is more than the noise, and far less
+than a smooth curve.
 """
 
 from __future__ import annotations
@@ -24,6 +25,10 @@ LOOKED_AT_S = 5.0
 """of motions that are looked at, for the cost [s]"""
 BRIEF_S = 0.2
 """length of windows whose residuals are noise [s]"""
+CLOSE_S = 0.03
+"""between samples, from which on a smooth curve misses how a machine turns from one to the next"""
+SAMPLES = 5
+"""in windows whose residuals are noise, where samples are farther apart: with the first six"""
 ROUNDS = 2
 """in which noise is estimated: what a start explains depends on it"""
 NORMAL = 0.6745
@@ -33,6 +38,8 @@ NORMAL = 0.6745
 def followed(problem: GapProblem, known: Mapping[str, float]) -> GapProblem:
     """The problem with windows, timesteps and noise that suit a plant that MuJoCo simulates.
 
+    With equations the noise alone, where samples are far apart.
+
     Args:
         problem: with windows as they are for equations.
         known: std of the noise of some states, by name [their unit], which stays as it is.
@@ -40,12 +47,14 @@ def followed(problem: GapProblem, known: Mapping[str, float]) -> GapProblem:
     Raises:
         InputError: most of the motions run away, however short the timesteps are.
     """
+    fixed, dt = np.isin(problem.plant.layout.states, list(known)), problem.recordings[0].dt
     if not problem.plant.timestep_s:
-        return problem
+        brief_s = min(SAMPLES * dt, problem.window_s)
+        left = _left(problem, problem.windows(seconds=brief_s)) if dt > CLOSE_S else problem.std
+        return replace(problem, std=np.where(fixed, problem.std, left))
     windows = _looked_at(problem.windows())
     problem = replace(problem, window_s=_smooth_s(problem.model(windows), windows))
     windows, brief = map(_looked_at, (problem.windows(), problem.windows(seconds=BRIEF_S)))
-    fixed = np.isin(problem.plant.layout.states, list(known))
     std = np.where(fixed, problem.std, _left(problem, brief))
     given = windows.commands, windows.lead, windows.held_s, windows.every
     times, error = problem.plant.timesteps(windows.guess, *given, windows.y, std)

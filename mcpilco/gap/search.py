@@ -354,13 +354,13 @@ def search(
     """Changes models as long as the evidence grows, the best ones first.
 
     Where the best model misses much, its motions answer to an effect in another way than measured
-    ones. Then parts of the windows are searched too, and what fits them is tried on the windows.
-
-    It begins without effects, and goes on from `hints`, fits to other windows of the machine.
+    ones. Then parts of the windows are searched too, and what fits them is tried on the windows. It
+    begins without effects, and goes on from `hints`, fits to other windows of the machine.
     """
     share = model.budget.share(BUDGET.search)
     tried, scores = _search(model, windows, candidates, share, hints)
-    longer = windows.y.shape[2] // SEARCH.parts * windows.dt > DATA.latency_s  # else none is left
+    compared = windows.y.shape[2] // SEARCH.parts - math.ceil(DATA.latency_s / windows.dt)
+    longer = compared >= SEARCH.least_compared
     if longer and tried.judged(tried.best()).deficient and not share.used_up:
         short, _ = _search(model, split(windows, SEARCH.parts), candidates, share)
         scores = _improve(tried.following(short.ranked[: SEARCH.hints]), share) or scores

@@ -218,6 +218,8 @@ class SearchThresholds:
     """in a model, at most: each velocity that a rig filters is one already"""
     parts: int = 4
     """of a window, which are searched where the best model of whole windows misses much"""
+    least_compared: int = 3
+    """samples that are compared in each of these, at least: two tell no more than how it starts"""
     hints: int = 4
     """models of these that are fitted to whole windows"""
 

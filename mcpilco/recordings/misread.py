@@ -33,7 +33,8 @@ class MisreadThresholds:
     span_s: float = 0.1
     """over which the plant foretells a motion [s]: it changes in that time, and none diverges"""
     smooth_s: float = 0.06
-    """to each side, of the cubics that smooth the ends of a span [s]; at least three samples"""
+    """to each side, of the cubics that smooth the ends of a span [s]; at least three samples. What
+    is sampled more slowly is not smoothed"""
     spans: int = 160
     """that are looked at, of all recordings alike, for the cost"""
     thinned: int = 32
@@ -131,6 +132,7 @@ def _beyond_limits(
 def _misread(plant: Plant, spans: Spans) -> Iterator[str]:
     """Questions on columns that explain the motion far better if they are read otherwise."""
     start = now = missed(plant, spans)
+    time = f"{_lengths(spans.dt)[0] * spans.dt:.2g} s"
     questions = []
     for _ in range(MISREAD.changes):
         if now < MISREAD.missed:
@@ -145,7 +147,7 @@ def _misread(plant: Plant, spans: Spans) -> Iterator[str]:
     if questions and now < MISREAD.explained:
         yield (
             f"{' '.join(questions)} Read so, the plant misses {_percent(now)} % of the "
-            f"motion over {MISREAD.span_s:g} s; as recorded, {_percent(start)} %."
+            f"motion over {time}; as recorded, {_percent(start)} %."
         )
         return
     yield from _inconsistent(plant, spans)
@@ -154,9 +156,9 @@ def _misread(plant: Plant, spans: Spans) -> Iterator[str]:
     foreign = start > min(MISREAD.foreign, max(MISREAD.missed, MISREAD.idle * without))
     if foreign and missed(plant, spans, forces=True) > MISREAD.unforced:
         yield (
-            f"the plant misses {_percent(start)} % of the motion over "
-            f"{MISREAD.span_s:g} s, and without the commands {_percent(without)} %: is "
-            "it the log of another machine, or time in another unit?"
+            f"the plant misses {_percent(start)} % of the motion over {time}, and without "
+            f"the commands {_percent(without)} %: is it the log of another machine, or time in "
+            "another unit?"
         )
 
 
@@ -182,7 +184,7 @@ class Spans:
     """S short spans of the recordings; columns are states, then inputs."""
 
     ends: Float[np.ndarray, "2 S C"]
-    """smoothed columns where a span begins and where it ends"""
+    """columns where a span begins and where it ends, smoothed"""
     slopes: Float[np.ndarray, "2 S C"]
     """their time derivatives there"""
     within: Float[np.ndarray, "S n C"]
@@ -215,7 +217,10 @@ class Spans:
         left = around - np.einsum("kp,pesc->eskc", powers, cubic)
         noise = np.sqrt((left**2).sum(axis=(0, 2)) / (4 * r - 6))
         usual = np.median(noise, axis=0) if len(places) else noise.sum(axis=0)
-        return cls(cubic[0], cubic[1] / dt, spans[:, r : r + n + 1], usual, measured, dt)
+        ends, steps = cubic[0], cubic[1]
+        if dt > MISREAD.smooth_s:  # a cubic through so long a time would miss how a machine turns
+            ends, steps = around[:, :, r], 0.5 * (around[:, :, r + 1] - around[:, :, r - 1])
+        return cls(ends, steps / dt, spans[:, r : r + n + 1], usual, measured, dt)
 
     def times(self, factors: Mapping[int, float], shift: float = 0.0) -> Spans:
         """The spans with some columns times a factor, by number, plus a shift."""

@@ -55,24 +55,26 @@ def recorded(
     gain: float = 1.0,
     command: float = 1.0,
     off: tuple[float, float] = (0.0, 0.0),
+    dt: float = DT,
 ) -> list[Recording]:
     """Three recordings of a machine, by number of the seed; its commands are times a factor.
 
-    While its motor is `off`, from one time [s] to another, they are recorded and do nothing.
+    While its motor is `off`, from one time [s] to another, they are recorded and do nothing. Each
+    command is held for dt [s], from one sample to the next.
     """
     rng, slope = np.random.default_rng(seed), MACHINES[machine](gain)
-    t = DT * np.arange(round(SECONDS / DT))
+    t = dt * np.arange(round(SECONDS / dt))
     names, noise = NAMES[machine], np.array(NOISE[machine])
     recordings = []
     for number in range(3):
         if number % 2:
-            u = np.repeat(rng.uniform(-1.0, 1.0, len(t)), 20)[: len(t)]
+            u = np.repeat(rng.uniform(-1.0, 1.0, len(t)), round(0.4 / dt))[: len(t)]
         else:
             u = np.sin(2.0 * np.pi * (0.2 + 0.1 * t) * t + rng.uniform(0.0, 6.0))
         u = command * LIMIT[machine] * u
         x, states = rng.normal(0.0, 0.2, len(noise)), []
         acting = np.where((t >= off[0]) & (t < off[1]), 0.0, u)
-        for (begin, end), held in zip(itertools.pairwise([*t, t[-1] + DT]), acting, strict=True):
+        for (begin, end), held in zip(itertools.pairwise([*t, t[-1] + dt]), acting, strict=True):
             states.append(x)
             x = solve_ivp(slope, (begin, end), x, "DOP853", args=(held,), rtol=1e-8).y[:, -1]
         measured = np.stack(states) + noise * rng.standard_normal((len(t), len(noise)))

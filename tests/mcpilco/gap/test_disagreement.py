@@ -42,11 +42,15 @@ def push(time: float) -> float:
 
 @cache
 def nominal(
-    force: Force = nothing, outside: Outside = lambda time: 0.0
+    force: Force = nothing, outside: Outside = lambda time: 0.0, every: int = 1
 ) -> tuple[Fit, Windows, list[Recording]]:
-    """The pendulum without effects, beside two recordings in the first of which a hand may push."""
+    """The pendulum without effects, beside two recordings in the first of which a hand may push.
+
+    They have one in so many samples.
+    """
     rng = np.random.default_rng(3)
     recordings = [record(rng, force, 1, outside=outside), record(rng, force, 2)]
+    recordings = [recording.every_nth(every) for recording in recordings]
     short = cut(recordings, np.array([STD, 1.0]), FORCE.short_s, 0.5 * FORCE.short_s)
     plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
     model = PlantModel(plant, (), {}, usual_scales(plant, short))
@@ -60,6 +64,14 @@ def test_a_weak_push_is_found_when_it_was() -> None:
     assert spans[0].start_s == pytest.approx(PUSH_S[0], abs=0.75 * FORCE.short_s)
     assert spans[0].end_s == pytest.approx(PUSH_S[1], abs=0.75 * FORCE.short_s)
     assert unforeseen(spans, known, short, recordings) == spans
+
+
+def test_a_push_is_found_in_samples_that_are_far_apart() -> None:
+    known, short, recordings = nominal(outside=push, every=5)
+    (span,) = bursts(known, short, recordings)
+    assert span.recording == "recording_1"
+    assert PUSH_S[0] - short.dt * short.y.shape[2] <= span.start_s <= PUSH_S[0]
+    assert PUSH_S[1] <= span.end_s <= PUSH_S[1] + short.dt * short.y.shape[2]
 
 
 def test_a_push_is_left_out_though_the_steps_are_used_up() -> None:

@@ -14,6 +14,7 @@ from mcpilco.gap.thresholds import DATA
 from mcpilco.mjcf import MujocoPlant, plant_of
 from mcpilco.plant import CATALOGUE, EffectInstance
 from mcpilco.recordings import Recording
+from tests.mcpilco.gap import machines
 from tests.mcpilco.gap.pendulum import record
 from tests.mcpilco.mjcf.mujoco.models import HOPPER, plant_of_text
 
@@ -145,3 +146,14 @@ def test_equations_know_of_nothing_quicker_than_the_timestep_of_the_simulator_th
     late = EffectInstance(CATALOGUE["actuator_lag"], plant.layout.actuator(0))
     larger, theta = model.grown(np.zeros(model.nuisances), late, [late_s])
     assert larger.plausible(theta) == known
+
+
+@pytest.mark.parametrize("machine", machines.NAMES)
+def test_how_a_machine_turns_between_samples_far_apart_is_no_noise(machine: str) -> None:
+    plants = {"pendulum": "mcpilco/Pendulum-v0", "cart_pole": "mcpilco/CartPoleSwingUp-v0"}
+    measured = machines.recorded(machine, 0, dt=0.1)
+    problem = GapProblem.of(envs.PLANTS[plants[machine]](), measured, 0.01, (), {})
+    np.testing.assert_allclose(followed(problem, {}).std, machines.NOISE[machine], rtol=0.25)
+    name = problem.plant.layout.states[1]
+    known = GapProblem.of(problem.plant, measured, 0.01, (), {name: 0.5})
+    assert followed(known, {name: 0.5}).std[1] == 0.5

@@ -26,6 +26,7 @@ from mcpilco.mjcf import mjcf_of_plant, plant_of
 from mcpilco.plant import Plant, Spread
 from mcpilco.recordings import Recording, write_recording
 from mcpilco.typing import InputError
+from tests.mcpilco.gap import machines
 from tests.mcpilco.gap.pendulum import STD, dry_friction, hidden, record
 from tests.mcpilco.gap.pushed import HIDDEN_FRICTION
 
@@ -51,6 +52,22 @@ def test_a_hidden_friction_is_named_with_its_size(found: Gap) -> None:
     assert size.low < HIDDEN_FRICTION < size.high
     assert found.comparison is not None
     assert found.comparison.closed.value > 0.8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("machine", ["Pendulum", "CartPoleSwingUp"])
+def test_samples_may_be_a_tenth_of_a_second_apart(machine: str) -> None:
+    """That is how the cart-pole's env is recorded; a motor is too weak, or acts the other way."""
+    plant = envs.PLANTS[f"mcpilco/{machine}-v0"]()
+    name = {"Pendulum": "pendulum", "CartPoleSwingUp": "cart_pole"}[machine]
+    (gain,) = investigate(plant, machines.recorded(name, 0, gain=0.8, dt=0.1)).named
+    assert gain.name == "actuator_gain"
+    assert gain.parameters["k"].low < 0.8 < gain.parameters["k"].high
+    assert gain.parameters["k"].value == pytest.approx(0.8, rel=0.02)
+    turned = machines.recorded(name, 0, gain=-1.0, dt=0.1)
+    with pytest.raises(InputError, match=f"negate {plant.layout.inputs[0]}?"):
+        investigate(plant, turned)
+    assert investigate(plant, turned, accepted=()).verdict == "unknown"
 
 
 def test_effects_that_are_all_too_unsure_to_be_named_are_told_as_what_comes_closest(

@@ -112,6 +112,18 @@ def test_a_wrong_column_is_asked_for(
     assert question in told[0]
 
 
+@pytest.mark.parametrize("machine", PLANTS)
+def test_a_wrong_column_is_asked_for_where_samples_are_far_apart(machine: str) -> None:
+    sound = recorded(machine, 0, dt=0.1)
+    assert misreadings(PLANTS[machine], sound) == ()
+    (command,) = sound[0].input_names
+    (told,) = misreadings(PLANTS[machine], columns(sound, **{command: -1}))
+    assert told.startswith(f"negate {command}?")
+    assert "of the motion over 0.1 s" in told
+    (told,) = misreadings(PLANTS[machine], columns(recorded(machine, 0, dt=0.2), **{command: -1}))
+    assert "of the motion over 0.2 s" in told
+
+
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ("machine", "one", "other"),
