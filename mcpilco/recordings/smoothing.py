@@ -237,12 +237,14 @@ def states_at_commands(recording: Recording, holds: int) -> Float[np.ndarray, "n
 
 def first_state(y: Float[np.ndarray, "X T"], dt: float, std: Float[np.ndarray, " X"]) -> np.ndarray:
     """State at the first sample: a cubic through the first samples of each joint."""
-    t = dt * np.arange(min(y.shape[1], max(7, round(0.16 / dt))))
-    powers = np.stack([t**0, t, t**2, t**3], axis=1)
-    slopes = np.stack([0 * t, t**0, 2 * t, 3 * t**2], axis=1)
     start = np.zeros(len(y))
     for j in range(len(y) // 2):
-        q, v = y[2 * j, : len(t)], y[2 * j + 1, : len(t)]
+        both = y[2 * j : 2 * j + 2]
+        fewest = 2 if np.isfinite(both[:, :2]).all() else 4  # samples that tell a cubic
+        t = dt * np.arange(min(y.shape[1], max(fewest, round(0.16 / dt))))
+        powers = np.stack([t**0, t, t**2, t**3], axis=1)
+        slopes = np.stack([0 * t, t**0, 2 * t, 3 * t**2], axis=1)
+        q, v = both[:, : len(t)]
         seen, moving = np.isfinite(q), np.isfinite(v)
         rows = np.concatenate([powers[seen] / std[2 * j], slopes[moving] / std[2 * j + 1]])
         goal = np.concatenate([q[seen] / std[2 * j], v[moving] / std[2 * j + 1]])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mcpilco.recordings import noise_std, smoothed
+from mcpilco.recordings.smoothing import first_state
 from tests.mcpilco.recordings.swings import NOISE, recording, swings
 
 
@@ -164,3 +165,14 @@ def test_the_deviation_is_larger_at_the_ends() -> None:
     _, std = smoothed(measured)
     assert std[0, 0] > 1.3 * np.median(std[:, 0])
     assert np.median(std[:, 0]) < noise_std(measured)[0]
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.05, 0.1])
+def test_the_state_at_the_first_of_samples_far_apart_is_near_what_was_measured(dt: float) -> None:
+    std, t = np.array([2e-3, 2e-2]), dt * np.arange(12)
+    exact = np.stack([np.sin(9.0 * t), 9.0 * np.cos(9.0 * t)])
+    y = exact + std[:, None] * np.random.default_rng(0).normal(size=exact.shape)
+    np.testing.assert_array_less(np.abs(first_state(y, dt, std) - exact[:, 0]), 4.0 * std)
+    y[1] = np.nan  # a position alone tells a velocity roughly, the more so the farther they are
+    velocity = first_state(y, dt, std)[1]
+    assert velocity == pytest.approx(exact[1, 0], rel=0.05 + 2.0 * dt)
