@@ -184,6 +184,8 @@ TABLES = (
             "rough": "0:1280,1422:1427,1582,1617,1619,1636,4154,4215,4222",
             "laboratory-one": "0:1280",
             "laboratory-none": "0:1280",
+            "sparse-one": "4300:4312",
+            "sparse-none": "4300:4306",
         }.items()
     ),
     *(

@@ -191,6 +191,8 @@ class Tier:
     """of the effects"""
     uncertainty: float = 0.01
     """relative std of masses, lengths, frictions and gains, as the workflow is told"""
+    dt: float = 0.02
+    """sampling time to which its recordings are brought [s]"""
 
 
 TIERS = {
@@ -202,6 +204,8 @@ TIERS = {
     "outside": Tier(0, outside=True),
     "laboratory-one": Tier(1, laboratory=True, uncertainty=0.03),
     "laboratory-none": Tier(0, laboratory=True, uncertainty=0.03),
+    "sparse-one": Tier(1, dt=0.1),
+    "sparse-none": Tier(0, dt=0.1),
     "further": Tier(1, pool=FURTHER),
     "rough": Tier(3, laboratory=True, rough=True, uncertainty=0.03),
 }

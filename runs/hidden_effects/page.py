@@ -26,6 +26,8 @@ HIDDEN = {
     "three": "three",
     "none": "none",
     "outside": "what no effect of the catalogue is",
+    "sparse-one": "one, samples 0.1 s apart",
+    "sparse-none": "none, samples 0.1 s apart",
     "further": "one of twelve later effects",
     "rough": "up to three, a cable, counts and gaps",
     "laboratory-one": "one, as a laboratory has it",

@@ -129,7 +129,7 @@ def solve(tier: str, seed: int, known: dict[str, Any], with_peers: bool) -> dict
     use_one_thread()
     case = draw(seed, TIERS[tier])
     plant = nominal(case.plant)
-    recordings = read(case, plant)
+    recordings = read(case, plant, TIERS[tier].dt)
     found = known or ours(case, TIERS[tier], plant, recordings)
     return found | theirs(plant, recordings) if with_peers else found
 
@@ -179,8 +179,8 @@ def _lists(terms: dict[str, list[tuple[str, str]]]) -> dict[str, list[list[str]]
     return {name: list(map(list, pairs)) for name, pairs in terms.items()}
 
 
-def read(case: Case, plant: Plant) -> Sequence[Recording]:
-    """The recordings of a case, as the workflow reads them from its files."""
+def read(case: Case, plant: Plant, dt: float) -> Sequence[Recording]:
+    """The recordings of a case, as the workflow reads them from its files every dt [s]."""
     from mcpilco.recordings import read_recordings
 
     layout = plant.layout
@@ -191,7 +191,7 @@ def read(case: Case, plant: Plant) -> Sequence[Recording]:
             layout.inputs,
             angles=plant.angles,
             velocities=tuple((k, k + 1) for k in range(0, len(layout.states), 2)),
-            dt=0.02,
+            dt=dt,
         )
     assert not bad, bad
     return good
