@@ -24,11 +24,9 @@ from mcpilco.gap.thresholds import DATA
 LOOKED_AT_S = 5.0
 """of motions that are looked at, for the cost [s]"""
 BRIEF_S = 0.2
-"""length of windows whose residuals are noise [s]"""
+"""length of windows whose residuals are noise [s]; at least eight samples"""
 CLOSE_S = 0.03
 """between samples, from which on a smooth curve misses how a machine turns from one to the next"""
-SAMPLES = 5
-"""in windows whose residuals are noise, where samples are farther apart: with the first six"""
 ROUNDS = 2
 """in which noise is estimated: what a start explains depends on it"""
 NORMAL = 0.6745
@@ -47,10 +45,12 @@ def followed(problem: GapProblem, known: Mapping[str, float]) -> GapProblem:
     Raises:
         InputError: most of the motions run away, however short the timesteps are.
     """
-    fixed, dt = np.isin(problem.plant.layout.states, list(known)), problem.recordings[0].dt
-    if not problem.plant.timestep_s:
-        brief_s = min(SAMPLES * dt, problem.window_s)
-        left = _left(problem, problem.windows(seconds=brief_s)) if dt > CLOSE_S else problem.std
+    stepped = problem.plant.timestep_s > 0.0
+    if not stepped and problem.recordings[0].dt <= CLOSE_S:
+        return problem
+    fixed = np.isin(problem.plant.layout.states, list(known))
+    if not stepped:
+        left = _left(problem, problem.windows(seconds=BRIEF_S))
         return replace(problem, std=np.where(fixed, problem.std, left))
     windows = _looked_at(problem.windows())
     problem = replace(problem, window_s=_smooth_s(problem.model(windows), windows))
