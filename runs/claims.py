@@ -303,13 +303,6 @@ CLAIMS = (
         "best published 0.655",
     ),
     Claim(
-        "`cross` over UDP to hidden machines, a minute of recordings: swung up in 9 of 10 attempts",
-        "rig",
-        "results/crossings/*.json",
-        crossed,
-        "9 of 10",
-    ),
-    Claim(
         "cart-pole with its equations and wrong masses, preset `thorough`: success after 3 s [%]",
         *components("physics+rbf-thorough"),
         success(3.0),
@@ -327,6 +320,13 @@ CLAIMS = (
 )
 
 SHORTFALLS = (
+    Claim(
+        "`cross` over UDP to hidden machines, a minute of recordings: swung up in 9 of 10 attempts",
+        "rig",
+        "results/crossings/*.json",
+        crossed,
+        "9 of 10",
+    ),
     Claim("preset `thesis`: success after 12 s [%]", *THESIS, success(12.0), "88.5"),
     Claim(
         "preset `thesis`: mean distance of the cart after 12 s [m]",

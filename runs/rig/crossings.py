@@ -1,6 +1,6 @@
 """Policies that cross over UDP to machines with hidden effects, which a rig simulates by MuJoCo.
 
-    python runs/rig/crossings.py --seeds 5011:5021
+    python runs/rig/crossings.py --seeds 5021:5031
 
 A seed chooses what its rig hides. `mcpilco cross --machine` sees a minute of recordings and the
 nominal plant alone. No machine has a part in the training in the nominal simulation, so that of the
@@ -73,7 +73,7 @@ def crossed(seed: int) -> dict:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", required=True, help="5011:5021 are 5011 to 5020")
+    parser.add_argument("--seeds", required=True, help="5021:5031 are 5021 to 5030")
     parser.add_argument("--results", type=Path, default=HERE / "results/crossings")
     options = parser.parse_args()
     first, _, last = options.seeds.partition(":")
