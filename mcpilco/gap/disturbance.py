@@ -87,7 +87,7 @@ class Disturbance:
         fit = fit if near else nearer(fit, windows)
         layout, model = fit.model.plant.layout, fit.model
         hold, joints = max(1, round(hold_s / windows.dt)), range(len(layout.joints))
-        responses = impulse_responses(model, windows, fit.theta, fit.x0, joints, hold)
+        responses = impulse_responses(model, windows, fit.theta, fit.x0, joints, hold, unstuck=True)
         usual = [model.scales[joint].force for joint in layout.joints]
         each = [force * change for force, change in zip(usual, responses, strict=True)]
         joint = np.repeat(np.arange(len(each)), each[0].shape[2])

@@ -267,11 +267,11 @@ class PlantModel:
         high[ours] = np.minimum(high[ours], FIT.farthest * (1.0 + theta[ours]) - 1.0)
         return low, high
 
-    def softened(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def softened(self, theta: Theta, unstuck: bool = False) -> Theta:
         """Theta, its dry frictions turning over slowly enough for a simulation to be fast.
 
         A friction f that turns over within v_r brings a joint of inertia I to rest in I v_r / f,
-        which steps must follow as long as it sticks.
+        which steps must follow as long as it sticks. `unstuck`, within the joint's usual speed.
         """
         theta = theta.copy()
         lightest = 1.0 + min(0.0, theta[: self.nuisances].min(initial=0.0))
@@ -283,9 +283,9 @@ class PlantModel:
             f = 0.5 * f if "constant_force" in friction.repeats else f  # there is one each way
             braked = float(f) / (lightest * scale.inertia)
             unseen = min(braked * FIT.quick_s, FIT.unseen_turn * scale.velocity)
-            slowest = max(braked * FIT.quickest_s, unseen)
+            slowest = min(max(braked * FIT.quickest_s, unseen, TURN.low), TURN.high)
             at = span.start + friction.turn
-            theta[at] = max(theta[at], math.log(min(max(slowest, TURN.low), TURN.high)))
+            theta[at] = max(theta[at], math.log(scale.velocity if unstuck else slowest))
         return theta
 
     def plausible(self, theta: Float[np.ndarray, " n"]) -> bool:

@@ -133,10 +133,7 @@ class Tried:
         return self.evidence[key]
 
     def _evidence(self, fit: Fit) -> Evidence:
-        """With the response to random forces along its own motions, or, where dear, the best's.
-
-        Where a small change leads a motion anywhere, the response along another one's misleads.
-        """
+        """With the response to random forces along its own motions or, where dear, the best's."""
         if fit.model.plant.costly:
             key = frozenset(fit.model.effects), fit.theta.tobytes()
             self.near[key] = self.near.get(key) or nearer(fit, self.windows)
@@ -182,10 +179,7 @@ class Tried:
 
     @property
     def ranked(self) -> list[Fit]:
-        """All fits by their BIC; of those that do the same, the first has the usual effect.
-
-        A delay of the only actuator and one of the only sensor differ by rounding.
-        """
+        """All fits by their BIC; of those that differ by rounding alone, usual effects first."""
         usual = list(self.null.model.plant.catalogue)
 
         def order(fit: Fit) -> tuple[float, list[int]]:
@@ -204,9 +198,9 @@ class Tried:
         return chosen[-1]
 
     def _worth(self, fit: Fit, fewer: Sequence[Fit]) -> bool:
-        """Whether a model is preferred to some of fewer effects, and to plainer forms of itself.
+        """Whether a model is preferred to some of fewer effects, and to itself with a plainer one.
 
-        These are itself without one of its effects, or with a special case in the place of one.
+        That is with none, or a special case, in the place of one of its effects.
         """
         ours = frozenset(fit.model.effects)
         keys = [key for e in ours for key in (ours - {e}, *self.special(ours, e))]
@@ -225,11 +219,7 @@ class Tried:
         """
         ours, costly, scores = frozenset(fit.model.effects), fit.model.plant.costly, []
         if (ours, False) not in self.grown:
-            most, least = SEARCH.shortlist, SEARCH.promising
-            scores = self.add(fit, self.candidates, most, share, least)
-            forced = np.any(self.judged(fit).gain >= VERDICT.sure)
-            if forced and self.best() is fit and not costly:
-                self.add(fit, self.candidates, most, share, least, bare=True)
+            scores = self.add(fit, self.candidates, SEARCH.shortlist, share, SEARCH.promising)
         self.grown |= {(ours, False), (ours, part > 0.0)}
         before = self.best()
         rests: dict[EffectInstance, Fit] = {}
@@ -252,19 +242,15 @@ class Tried:
             self.add(rest, some, most, share, max(SEARCH.promising, least))
         return scores
 
-    def scores(self, fit: Fit, new: Sequence[EffectInstance], bare: bool = False) -> list[Score]:
-        """Those of effects that a fit lacks; `bare` as of `add`."""
+    def scores(self, fit: Fit, new: Sequence[EffectInstance]) -> list[Score]:
+        """Those of effects that a fit lacks."""
         ours, windows = frozenset(fit.model.effects), self.windows
         known, scores = self.screened.get(ours, (None, []))
         pulses = self.disturbance if fit.model.plant.costly else None
-        if known is fit and not bare and pulses is None:
+        if known is fit and pulses is None:
             return [score for score in scores if score.instance in new]
-        if bare:
-            judged = self.judged(fit)
-            windows = self.disturbance.whitened(replace(judged, std=0.0 * judged.std))
-            fit = on_windows(fit, windows)
         scores = screen(fit, fit.linearised(windows), windows, new, pulses=pulses)
-        if not bare and len(new) == len(_further(fit, self.candidates)):
+        if len(new) == len(_further(fit, self.candidates)):
             self.screened[ours] = fit, scores
         return scores
 
@@ -275,22 +261,24 @@ class Tried:
         most: int,
         share: ComputeBudget,
         least: float,
-        bare: bool = False,
+        bare: bool | None = None,
     ) -> list[Score]:
         """Fits the most promising models of one effect more, those that may gain the least.
 
-        They promise it beside the random forces, or `bare`, without these: a slow effect is so much
-        like the force that stands for it that beside this it promises little.
+        They are sought beside the random forces or `bare`; by default, where there are any, both
+        ways: an effect is much like the force that stands for it, beside which any size will do.
         """
         ours, new = fit.model.effects, _further(fit, candidates)
         if not new or len(ours) == SEARCH.most_effects:
             return []
-        lin, dear = fit.linearised(self.windows), fit.model.plant.costly
-        scores = self.scores(fit, new, bare)
+        windows = self.bare(fit) if bare else self.windows
+        fit = on_windows(fit, windows) if bare else fit
+        lin, dear = fit.linearised(windows), fit.model.plant.costly
+        scores = screen(fit, lin, windows, new) if bare else self.scores(fit, new)
         least = max(least, SEARCH.part_of_exchanged * (scores[0].gain if dear and scores else 0.0))
         begun: dict[Effects, Fit] = {}
-        some = np.arange(0, len(self.windows), SEARCH.thinned)
-        few, view = self.windows[some], fit.at(some)
+        some = np.arange(0, len(windows), SEARCH.thinned)
+        few, view = windows[some], fit.at(some)
         for score in scores:
             key = frozenset({*ours, score.instance})
             if score.gain < least or (key not in begun and len(begun) == most):
@@ -302,7 +290,7 @@ class Tried:
                 continue
             if key not in begun or grown.chi2 < begun[key].chi2:
                 begun[key] = grown
-            taken = (view.by_window.sum() - grown.chi2) * len(self.windows) / len(few)
+            taken = (view.by_window.sum() - grown.chi2) * len(windows) / len(few)
             stepped = fit.model.plant.timestep_s > 0.0
             if stepped and taken >= score.gain:  # what promises far less cannot compare
                 least = max(least, SEARCH.as_much * score.gain)
@@ -315,9 +303,16 @@ class Tried:
             x0 = fit.x0.copy()
             x0[some] = grown.x0
             if dear:  # the model without the effect has led them astray
-                x0 = improved_initial_states(grown.model, self.windows, grown.theta, x0, FIT.few)
-            self.keep(fit_model(grown.model, self.windows, grown.theta, x0, 8, near=near))
+                x0 = improved_initial_states(grown.model, windows, grown.theta, x0, FIT.few)
+            fitted = fit_model(grown.model, windows, grown.theta, x0, 8, near=near)
+            self.keep(weighed_anew(fitted, self.windows) if bare else fitted)
+        if bare is None and not dear and np.any(self.judged(fit).gain >= VERDICT.sure):
+            self.add(fit, candidates, most, share, least, bare=True)
         return scores
+
+    def bare(self, fit: Fit) -> Windows:
+        """The windows with the noise of a fit, but without its random forces."""
+        return self.disturbance.whitened(replace(self.judged(fit), std=0.0 * self.judged(fit).std))
 
 
 def _further(fit: Fit, candidates: Sequence[EffectInstance]) -> list[EffectInstance]:
@@ -460,8 +455,7 @@ def finish(tried: Tried) -> None:
 def confuse(tried: Tried) -> None:
     """Fits the best model with what does the same to its motions in the place of an effect.
 
-    An arm's center in a horizontal plane, or a pendulum's gain, may as well be its mass; and a
-    motor under a voltage a friction and a lag.
+    A pendulum's gain may as well be its mass, a motor under a voltage a friction and a lag.
     """
     best = tried.best()
     scores = tried.scores(best, _further(best, tried.candidates))
@@ -477,7 +471,7 @@ def confuse(tried: Tried) -> None:
         model, theta = shrunk(best, [instance], tried.null)
         rest = replace(best, model=model, theta=theta)  # the others stay as they are
         own = max(score.gain for score in tried.scores(rest, [instance]))
-        tried.add(rest, same, len(same), share, SEARCH.part_of_exchanged * own)
+        tried.add(rest, same, len(same), share, SEARCH.part_of_exchanged * own, bare=False)
         relieve(tried, tried.keep(without(best, [instance], tried.windows, tried.null)), instance)
     if {*tried.best().model.effects} != {*best.model.effects}:
         confuse(tried)

@@ -228,6 +228,7 @@ def impulse_responses(
     x0: InitialStates,
     joints: Sequence[int],
     hold: int,
+    unstuck: bool = False,
 ) -> list[Float[np.ndarray, "W n K"]]:
     """Change of the measurements, in noise std, per unit force in each joint, by interval.
 
@@ -240,6 +241,7 @@ def impulse_responses(
         x0: initial states of the windows.
         joints: their numbers.
         hold: samples for which a pulse is held; K of them follow one another.
+        unstuck: whether a joint that sticks answers as if it moved, as on the machine it may.
     """
     (W, X, T), every, lead, J = windows.y.shape, windows.every, windows.lead, len(joints)
     tables, plant = model.tables(theta[None]), model.plant.finely(model.finer)
@@ -273,6 +275,9 @@ def impulse_responses(
 
     ideal = tables._replace(sensors=np.tile(np.array(IDEAL_SENSOR), (1, X, 1)))
     states = moved(ideal, 0, x0, np.zeros((1, J)))[0]
+    if unstuck:
+        loose = model.tables(model.softened(theta, unstuck=True)[None])
+        tables = loose._replace(drives=tables.drives, actuators=tables.actuators)
     sizes = SIZE * np.array([model.scales[plant.layout.joints[joint]].force for joint in joints])
     starts = range(0, T - 1, hold)
     change = np.zeros((J, W, X, T, len(starts)))

@@ -176,8 +176,8 @@ class SearchThresholds:
     bic_gain: float = 15.0
     """least gain in BIC that adds an effect; 10 is very strong (Kass & Raftery, JASA 90, 1995)"""
     prior_gain: float = 1.0
-    """the same by the prior alone. Beside the right effects errors of 1 to 3 % pull a prior of 3 %
-    by 3 at most, masses and gains 10 % off by 10 to 13, of which a name costs 9 (rough seeds)"""
+    """the same by the prior alone: errors of 1 to 3 % pull it by 3 at most, masses and gains that
+    are 10 % off by 10 to 13, of which a name costs 9 (rough seeds)"""
     strained: float = 10.0
     """-2 log prior of a fit beyond which effects of masses that promise as much are fitted [-]"""
     relieving: int = 2

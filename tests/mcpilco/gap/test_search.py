@@ -138,10 +138,28 @@ def test_a_slow_effect_is_found_though_a_random_force_does_nearly_as_much() -> N
     model, theta = model.grown(theta, constant, [0.09])
     tried.weigh_by(tried.keep(fitted(model, tried.windows, theta)))
     best = tried.best()
-    promised = [tried.scores(best, [spring], bare)[0].gain for bare in (False, True)]
+    bare = on_windows(best, without_forces := tried.bare(best))
+    alone = screen(bare, bare.linearised(without_forces), without_forces, [spring])
+    promised = tried.scores(best, [spring])[0].gain, alone[0].gain
     assert promised[0] < SEARCH.promising < promised[1]
     tried.neighbours(best, known.budget.share(1.0))
     assert {*tried.best().model.effects} == {friction, constant, spring}
+
+
+def test_an_effect_is_likelier_where_no_random_force_of_a_model_without_it_stands_for_it() -> None:
+    """Beside that force any size of a friction will do, and a fit ends too soon."""
+    hidden = [(FRICTION, (0.5, 2e-3)), (LAG, (0.08,))]
+    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), hidden)
+    likely = {}
+    for ways in (False, None):
+        null, windows = fit_nominal(known.model(known.windows()), known.windows())
+        tried = Tried.begun(null, windows, [FRICTION])
+        model, theta = null.model.grown(null.theta, LAG, [0.03])
+        tried.weigh_by(tried.keep(fitted(model, tried.windows, theta)))
+        alone = tried.fits[frozenset({LAG})]
+        tried.add(alone, [FRICTION], 1, known.budget.share(1.0), SEARCH.promising, bare=ways)
+        likely[ways] = tried.bic(tried.fits[frozenset({LAG, FRICTION})])
+    assert likely[None] < likely[False] - SEARCH.bic_gain
 
 
 def test_all_that_does_the_same_as_the_best_model_is_fitted() -> None:
@@ -592,7 +610,8 @@ def test_what_does_the_same_to_every_motion_is_as_likely_as_what_was_found() -> 
     for effect, values in hidden:
         model, theta = model.grown(theta, effect, values)
     tried = Tried.begun(null, windows, [ARMATURE, INERTIA, FRICTION, LAG])
-    right = tried.keep(fitted(model, tried.windows, theta))
+    tried.weigh_by(tried.keep(fitted(model, tried.windows, theta)))
+    right = tried.keep(fitted(model, tried.windows, theta))  # by its own random forces
     other = frozenset({INERTIA, FRICTION})
     assert tried.best() is right
     assert other not in tried.fits
@@ -761,7 +780,7 @@ def test_where_a_simulation_is_dear_only_what_promises_much_is_fitted(
         tried.neighbours(tried.null, known.budget.share(1.0))
         fits.append({*tried.fits} - {frozenset()})
     much = {frozenset({LAG}), frozenset({DELAY})}
-    assert fits == [much | {frozenset({heavier})}, much]
+    assert fits == [much | {frozenset({heavier}), frozenset({FRICTION})}, much]
 
 
 def test_where_a_simulation_is_dear_initial_states_of_all_windows_give_way_to_an_effect(

@@ -14,10 +14,13 @@ from mcpilco.gap.data import GapProblem
 from mcpilco.gap.disturbance import Disturbance
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.horizon import followed
+from mcpilco.gap.plant_model import PlantModel
 from mcpilco.gap.sensitivities import LOST, impulse_responses, linearise, residual, run
 from mcpilco.plant import CATALOGUE, EffectInstance
 from mcpilco.recordings import Recording
 from mcpilco.typing import InputError
+from tests.mcpilco.gap.lagging import active
+from tests.mcpilco.gap.lagging import problem as problem_of
 from tests.mcpilco.gap.pendulum import record
 from tests.mcpilco.mjcf.mujoco.models import HOPPER, plant_of_text
 
@@ -159,3 +162,20 @@ def test_a_model_that_flies_apart_is_refused_in_one_sentence(caplog) -> None:
     with pytest.raises(InputError, match=r"it flies apart in most windows; choose a shorter"):
         hopping(stiff, HOPPER)
     assert caplog.records == []  # MuJoCo's own warnings, thousands of them
+
+
+def test_a_joint_that_sticks_answers_to_a_force_as_one_that_moves() -> None:
+    """On the machine it may move; beside its friction it hardly gives way to a small force."""
+    friction = active("coulomb_friction", "cart"), (0.5, 2e-3)
+    windows = problem_of(envs.PLANTS["mcpilco/CartPoleSwingUp-v0"](), [friction]).windows()[:4]
+    still = replace(windows, commands=0.0 * windows.commands)
+    free = problem_of(envs.PLANTS["mcpilco/CartPoleSwingUp-v0"](), []).model(windows)
+    stuck, theta = free.grown(np.zeros(free.nuisances), *friction)
+
+    def answer(model: PlantModel, theta: np.ndarray, unstuck: bool) -> float:
+        at = model, still, theta, np.zeros((4, 4))
+        return float(np.abs(impulse_responses(*at, [0], 3, unstuck)[0]).max())
+
+    moves = answer(free, np.zeros(free.nuisances), False)
+    assert answer(stuck, theta, False) < 0.05 * moves
+    assert 0.3 * moves < answer(stuck, theta, True) < moves
