@@ -396,7 +396,8 @@ def relieve(tried: Tried, fit: Fit, but: EffectInstance | None = None) -> None:
     """Fits a model with effects of masses, but one, where it takes these far from priors."""
     if _strained(fit):
         meant = [c for c in _of_masses(tried.candidates, tried.null) if c != but]
-        tried.add(fit, meant, SEARCH.relieving, fit.model.budget.share(1.0), SEARCH.strained)
+        share = fit.model.budget.share(1.0)
+        tried.add(fit, meant, SEARCH.relieving, share, SEARCH.strained, bare=False)
 
 
 def _gather(tried: Tried, fit: Fit) -> None:

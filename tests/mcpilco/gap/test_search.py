@@ -90,7 +90,7 @@ def test_where_a_fit_takes_masses_far_from_their_priors_effects_of_these_are_tri
     mass = active("body_mass", "pendulum")
     candidates, asked = [FRICTION, LAG, mass], []
     tried = Tried.begun(null, windows, candidates)
-    monkeypatch.setattr(tried, "add", lambda fit, some, *_: asked.append(some) or [])
+    monkeypatch.setattr(tried, "add", lambda fit, some, *_, **__: asked.append(some) or [])
     pulled = np.eye(len(null.theta))[0] * 5.0 * next(iter(null.model.priors.values()))
     for theta in (0.0 * pulled, pulled):
         tried.fits[frozenset()] = tried.null = replace(null, theta=theta)
