@@ -15,7 +15,7 @@ from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_model, nearer, on_windows, weighed_anew
 from mcpilco.gap.learned_force import best_force
 from mcpilco.gap.plant_model import PerWindow, PlantModel, Theta
-from mcpilco.gap.posterior import Considered, intervals, lasting, member
+from mcpilco.gap.posterior import CONFIDENCE, Considered, confidence, intervals, lasting, member
 from mcpilco.gap.screen import bounded
 from mcpilco.gap.search import SearchResult, Tried, shrunk, without
 from mcpilco.gap.sensitivities import residual, run
@@ -126,7 +126,7 @@ def slight_effects(best: Fit, null: Fit, windows: Windows) -> list[EffectInstanc
 
 
 def uncertain_effects(fit: Fit, windows: Windows, considered: Considered) -> list[EffectInstance]:
-    """The effects of which the intervals of all sizes hold that of none.
+    """The effects of which the intervals of all sizes hold that of none, or that of them together.
 
     What is left of the forces, were it alike in all windows, would do as much.
     """
@@ -134,6 +134,7 @@ def uncertain_effects(fit: Fit, windows: Windows, considered: Considered) -> lis
         instance
         for instance, parameters in estimates(fit, windows, considered).items()
         if all(p.low <= s.neutral <= p.high for s, p in _sizes(instance, parameters))
+        or _together(instance, fit, windows, considered) < CONFIDENCE
     ]
 
 
@@ -315,11 +316,11 @@ def rivals(result: SearchResult, instance: EffectInstance) -> list[Rival]:
 
 def named_effects(result: SearchResult, judged: Weighed) -> tuple[NamedEffect, ...]:
     """The effects of the best model with their intervals, probabilities, shares and families."""
-    found = estimates(judged.best, judged.windows, judged.lasting(judged.evidence))
-    named = []
-    for instance, parameters in found.items():
+    fitted, named = (judged.best, judged.windows, judged.lasting(judged.evidence)), []
+    for instance, parameters in estimates(*fitted).items():
         tied = [rival.instance.effect.name for rival in rivals(result, instance)]
-        sure = _probability(result, instance) * _present(instance, parameters)
+        present = min(_present(instance, parameters), _together(instance, *fitted))
+        sure = _probability(result, instance) * present
         name, target, share = instance.effect.name, instance.target, judged.share(instance)
         alike = tuple(dict.fromkeys([name, *tied]))
         named.append(NamedEffect(name, target, parameters, sure, share, alike))
@@ -385,6 +386,18 @@ def _present(instance: EffectInstance, parameters: dict[str, EstimatedParameter]
         far = abs(estimate.value - symbol.neutral)
         sure.append(float(1.0 - 2.0 * stats.norm.sf(far / std)) if std > 0.0 else 1.0)
     return max(sure)
+
+
+def _together(
+    instance: EffectInstance, fit: Fit, windows: Windows, considered: Considered
+) -> float:
+    """The confidence at which an effect's sizes are not all none, where it has several.
+
+    The interval of one of two excludes 0 by chance about twice as often as that of a single one.
+    """
+    span = fit.model.spans()[fit.model.added.index(instance)]
+    sizes = (span.start + np.flatnonzero(instance.effect.amplitudes)).tolist()
+    return confidence(fit, windows, considered, sizes) if len(sizes) > 1 else 1.0
 
 
 def spread_of(result: SearchResult, judged: Weighed, final: Fit) -> tuple[Member, ...]:

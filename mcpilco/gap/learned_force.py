@@ -8,7 +8,6 @@ in the linear response to small forces, as in `residual_force`, and then fitted 
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
@@ -23,7 +22,7 @@ from mcpilco.gap.plant_model import GridForce, PerWindow
 from mcpilco.gap.residual_force import ForceResponse, force_response
 from mcpilco.gap.sensitivities import motion_midway
 from mcpilco.gap.thresholds import BUDGET, FORCE
-from mcpilco.plant import Axis, Layout, LearnedForce, Plant
+from mcpilco.plant import Axis, GridPrior, Layout, LearnedForce, Plant
 
 
 @dataclass(frozen=True)
@@ -272,52 +271,6 @@ def _means(A: Float[np.ndarray, "R R"], b: Float[np.ndarray, " R"]) -> Float[np.
         factor = cho_factor(A + np.eye(len(A)) / strength**2, check_finite=False)
         means.append(cho_solve(factor, b, check_finite=False))
     return np.stack(means)
-
-
-@dataclass(frozen=True)
-class GridPrior:
-    """The weights of a grid's splines as a Gaussian process of variance 1 on its knots.
-
-    Its covariance is a product over the axes, as are its principal directions; R of them are kept.
-
-    Reference: Wilson & Nickisch, Kernel interpolation for scalable structured Gaussian processes,
-        ICML (2015). Differs: splines interpolate, so that the force is smooth for an integrator.
-    """
-
-    axes: tuple[Axis, ...]
-    roots: tuple[Float[np.ndarray, "_ _"], ...]
-    """principal directions over each axis, by their standard deviation"""
-    kept: tuple[Int[np.ndarray, " R"], ...]
-    """of which each direction is the product, by axis"""
-
-    @classmethod
-    def of(cls, axes: Sequence[Axis], lengthscales: Sequence[float], least: float) -> GridPrior:
-        """The squared exponential one, by the lengthscale in each axis's even coordinate.
-
-        Directions of less than the `least` variance are left out.
-        """
-        roots, variances = [], []
-        for axis, lengthscale in zip(axes, lengthscales, strict=True):
-            variance, directions = np.linalg.eigh(np.exp(-0.5 * (axis.apart() / lengthscale) ** 2))
-            variances.append(np.maximum(variance, 0.0))
-            roots.append(directions * np.sqrt(variances[-1]))
-        product = functools.reduce(np.multiply, np.ix_(*variances))
-        return cls(tuple(axes), tuple(roots), tuple(np.nonzero(product > least)))
-
-    def features(self, x: Sequence[Float[np.ndarray, " N"]]) -> Float[np.ndarray, "N R"]:
-        """The force at N places for one unit of each direction."""
-        parts = [
-            (axis.splines(places) @ root)[:, kept]
-            for axis, places, root, kept in zip(self.axes, x, self.roots, self.kept, strict=True)
-        ]
-        return functools.reduce(np.multiply, parts)
-
-    def weights(self, coordinates: Float[np.ndarray, "R S"]) -> Float[np.ndarray, "M S"]:
-        """Weights of the splines at coordinates along the directions."""
-        rows = self.roots[0][:, self.kept[0]]
-        for root, kept in zip(self.roots[1:], self.kept[1:], strict=True):
-            rows = (rows[:, None] * root[:, kept]).reshape(-1, rows.shape[1])
-        return rows @ coordinates
 
 
 BINS, SEEN = 80, 3

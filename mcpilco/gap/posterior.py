@@ -16,6 +16,9 @@ from mcpilco.plant import Member, name_of
 Considered = Float[np.ndarray, "W n k"]
 """what k forces that no model has do to the measurements, each at one std [noise std]"""
 
+CONFIDENCE = 0.95
+"""of intervals"""
+
 
 def intervals(
     best: Fit, windows: Windows, considered: Considered
@@ -23,10 +26,18 @@ def intervals(
     """Ends of the 95 % intervals of theta; windows, not samples, count as independent."""
     std = np.sqrt(np.maximum(np.diag(covariance(best, windows, considered)), 0.0))
     independent = len(windows) / windows.overlap
-    factor = float(stats.t.ppf(0.975, max(independent - 1.0, 1.0)))
+    factor = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(independent - 1.0, 1.0)))
     ends = np.stack([best.theta - factor * std, best.theta + factor * std])
     low, high = np.clip(ends, *best.model.bounds)
     return low, high
+
+
+def confidence(best: Fit, windows: Windows, considered: Considered, some: list[int]) -> float:
+    """At which some numbers of theta are not all 0: Hotelling's T^2, windows as independent."""
+    at, spread = best.theta[some], covariance(best, windows, considered)[np.ix_(some, some)]
+    others = max(len(windows) / windows.overlap - len(some), 1.0)
+    far = float(at @ np.linalg.pinv(spread, hermitian=True) @ at) / len(some)
+    return float(stats.f.cdf(far * others / (others + len(some) - 1.0), len(some), others))
 
 
 def covariance(best: Fit, windows: Windows, considered: Considered) -> Float[np.ndarray, "p p"]:

@@ -35,6 +35,7 @@ from .correction import (
 from .effects import CATALOGUE
 from .effects.actuator import ActuatorGain, ActuatorSaturation, CommandRange, Servo
 from .effects.base import OUTSIDE, Effect, Probe, Scale, Symbol, sizes
+from .effects.grid_prior import GridPrior
 from .effects.joint import (
     FASTEST,
     TURN,
@@ -137,6 +138,7 @@ __all__ = [
     "Effect",
     "EffectInstance",
     "FirstOrder",
+    "GridPrior",
     "JointForce",
     "Layout",
     "LearnedForce",

@@ -16,7 +16,6 @@ from mcpilco.gap.data import Windows, cut, usual_scales
 from mcpilco.gap.disturbance import Evidence
 from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, on_windows
 from mcpilco.gap.learned_force import (
-    GridPrior,
     best_force,
     candidates,
     force_places,
@@ -166,20 +165,6 @@ def test_far_from_what_was_recorded_the_learned_force_is_nothing(fed: Gap) -> No
     for force in fed.corrected.learned:
         far = [np.array([1e6]) for _ in force.axes]
         assert force.at(*far) == 0.0
-
-
-def test_the_prior_of_a_grid_is_the_product_of_those_over_its_axes() -> None:
-    axes = Axis("angle", -1.0, 1.0, 9), Axis("velocity", -4.0, 4.0, 7, slow=0.2)
-    prior = GridPrior.of(axes, (0.4, 1.0), least=0.0)
-    weights = prior.weights(np.eye(len(prior.kept[0])))
-    parts = [
-        np.exp(-0.5 * ((axis.places[:, None] - axis.places) / lengthscale) ** 2)
-        for axis, lengthscale in zip(axes, (0.4, 1.0), strict=True)
-    ]
-    np.testing.assert_allclose(weights @ weights.T, np.kron(*parts), atol=1e-9)
-    x = [np.array([0.3, -0.2]), np.array([1.0, -2.0])]
-    rows = (axes[0].splines(x[0])[:, :, None] * axes[1].splines(x[1])[:, None]).reshape(2, -1)
-    np.testing.assert_allclose(prior.features(x), rows @ weights, atol=1e-12)
 
 
 def test_columns_of_a_learned_force_are_those_of_finite_differences() -> None:

@@ -13,9 +13,22 @@ from scipy import stats
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Disturbance
 from mcpilco.gap.fit import Fit, nearer
-from mcpilco.gap.posterior import covariance, lasting
+from mcpilco.gap.posterior import confidence, covariance, lasting
 from mcpilco.gap.sensitivities import linearise, residual, run
 from mcpilco.plant import CATALOGUE, EffectInstance
+
+
+def fitted(P: np.ndarray, r: np.ndarray) -> tuple[Any, Any]:
+    """A least-squares fit of two numbers, of which residuals are linear, and its windows."""
+    theta = np.linalg.lstsq(P.reshape(-1, 2), r.reshape(-1))[0]
+    lin = SimpleNamespace(Jp=P, cleaned=lambda columns: columns, r=r - P @ theta)
+    model = SimpleNamespace(precision=np.zeros(2))
+    return SimpleNamespace(model=model, theta=theta, linearised=lambda _: lin), Many(len(r))
+
+
+def nothing_lasts(r: np.ndarray) -> np.ndarray:
+    """The response to no force that is alike in all windows."""
+    return np.zeros((*r.shape, 0))
 
 
 @pytest.fixture
@@ -25,12 +38,8 @@ def linear() -> Callable[..., tuple[np.ndarray, np.ndarray]]:
     def solved(
         P: np.ndarray, r: np.ndarray, force: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        theta = np.linalg.lstsq(P.reshape(-1, 2), r.reshape(-1))[0]
-        lin = SimpleNamespace(Jp=P, cleaned=lambda columns: columns, r=r - P @ theta)
-        model = SimpleNamespace(precision=np.zeros(2))
-        fit: Any = SimpleNamespace(model=model, linearised=lambda windows: lin)
-        windows: Any = Many(len(r))
-        return theta, covariance(fit, windows, np.zeros((*r.shape, 0)) if force is None else force)
+        fit, windows = fitted(P, r)
+        return fit.theta, covariance(fit, windows, nothing_lasts(r) if force is None else force)
 
     return solved
 
@@ -61,6 +70,18 @@ def test_intervals_hold_the_truth_where_few_windows_lead(linear: Callable) -> No
         theta, found = linear(P, r)
         held += abs(theta[0]) < stats.t.ppf(0.975, 11) * np.sqrt(found[0, 0])
     assert 0.93 < held / 400 < 0.99
+
+
+def test_two_numbers_that_are_0_are_told_apart_from_it_as_rarely_as_one() -> None:
+    rng, alone, together = np.random.default_rng(3), 0, 0
+    for _ in range(800):
+        P = rng.normal(size=(12, 5, 2))
+        r = rng.normal(size=(12, 5)) + rng.normal(size=(12, 1))
+        solution = (*fitted(P, r), nothing_lasts(r))
+        (fit, *_), spread = solution, covariance(*solution)
+        alone += bool((np.abs(fit.theta) > stats.t.ppf(0.975, 11) * np.sqrt(np.diag(spread))).any())
+        together += confidence(*solution, [0, 1]) > 0.95
+    assert 0.03 < together / 800 < 0.07 < 0.08 < alone / 800
 
 
 @pytest.mark.parametrize(("considered", "least", "most"), [(True, 0.93, 0.98), (False, 0.0, 0.5)])
