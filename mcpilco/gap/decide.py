@@ -395,9 +395,11 @@ def _together(
 
     The interval of one of two excludes 0 by chance about twice as often as that of a single one.
     """
+    if np.sum(instance.effect.amplitudes) < 2:
+        return 1.0
     span = fit.model.spans()[fit.model.added.index(instance)]
-    sizes = (span.start + np.flatnonzero(instance.effect.amplitudes)).tolist()
-    return confidence(fit, windows, considered, sizes) if len(sizes) > 1 else 1.0
+    sizes = span.start + np.flatnonzero(instance.effect.amplitudes)
+    return confidence(fit, windows, considered, sizes.tolist())
 
 
 def spread_of(result: SearchResult, judged: Weighed, final: Fit) -> tuple[Member, ...]:

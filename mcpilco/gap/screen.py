@@ -158,7 +158,7 @@ class _Projection:
         precision = misfit(windows, by_window, weight) * fit.model.precision
         precision += 1e-9  # of what is free and changes nothing
         H, g = lin.normal_equations(fit.theta, weight, precision)
-        return cls(fit, lin, windows, weight, H, g, precision)
+        return cls(fit, lin, windows, weight, _solvable(H), g, precision)
 
     @cached_property
     def step(self) -> Float[np.ndarray, " p"]:
@@ -175,7 +175,7 @@ class _Projection:
             return self
         weight = self.weight * bound
         H, g = self.lin.normal_equations(self.fit.theta, weight, self.precision)
-        return replace(self, weight=weight, H=H, g=g)
+        return replace(self, weight=weight, H=_solvable(H), g=g)
 
     def normal_equations(
         self, Q: Float[np.ndarray, "W n k"]
@@ -191,6 +191,11 @@ class _Projection:
         same = np.diag(S) < SCREEN.separable * np.diag(whole)
         S[same], S[:, same], b[same] = 0.0, 0.0, 0.0
         return S, b
+
+
+def _solvable(H: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+    """H, where two numbers of theta do the same too."""
+    return H + SCREEN.rounding * np.diag(np.diag(H))
 
 
 def bounded(influence: PerWindow) -> PerWindow:

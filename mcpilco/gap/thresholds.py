@@ -165,6 +165,8 @@ class ScreenThresholds:
     """change beyond which a simulation ran away, unless all motions range further [noise std]"""
     separable: float = 1e-6
     """least part of a signature that no fitted parameter makes [-]: less is rounding"""
+    rounding: float = 1e-12
+    """part by which a fitted parameter differs at least from all that others do [-]"""
 
 
 @dataclass(frozen=True)

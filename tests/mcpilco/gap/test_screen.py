@@ -58,6 +58,25 @@ def test_a_window_that_is_moved_far_more_than_the_others_does_not_hide_an_effect
     assert blindly.gain < 0.03 * score.gain
 
 
+def test_effects_are_scored_beside_two_that_do_the_same(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The armature of a lone link is an inertia of its body."""
+    _, windows, null = lagging
+    model, theta = null.model, null.theta
+    for effect in ("armature", "body_inertia"):
+        model, theta = model.grown(theta, active(effect, "pendulum"), [0.01])
+    lin = linearise(model, windows, theta, null.x0)
+    lin.Jp[:, :, -2:] = 1e5 * lin.Jp[:, :, -2:-1]
+    fit, friction = replace(null, model=model, theta=theta), active("coulomb_friction", "pendulum")
+    alike = screen(fit, lin, windows, [friction])
+    assert all(np.isfinite(score.gain) for score in alike)
+    module = importlib.import_module("mcpilco.gap.screen")
+    monkeypatch.setattr(module, "SCREEN", replace(SCREEN, rounding=0.0))
+    with pytest.raises(np.linalg.LinAlgError):
+        screen(fit, lin, windows, [friction])
+
+
 def test_where_a_simulation_is_dear_the_same_effects_promise_most_after_fewer_steps(
     lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
 ) -> None:
