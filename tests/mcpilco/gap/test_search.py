@@ -535,9 +535,12 @@ def test_three_effects_are_found_of_which_none_explains_as_much_as_the_others() 
 
 @pytest.mark.slow
 def test_three_effects_are_found() -> None:
+    """A turned encoder and a tilted machine are one thing where gravity alone depends on angles."""
     hidden = [(FRICTION, (0.1, 2e-3)), (LAG, (0.08,)), (OFFSET, (0.1,))]
     known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), hidden)
-    assert found(known, known.candidates(known.windows())) == {FRICTION, LAG, OFFSET}
+    tilt = active("gravity_tilt", "pendulum")
+    told = found(known, known.candidates(known.windows()))
+    assert told in ({FRICTION, LAG, OFFSET}, {FRICTION, LAG, tilt})
 
 
 def test_where_nothing_is_hidden_nothing_is_found() -> None:
