@@ -1,4 +1,4 @@
-"""What is thought of a force on a grid before it is learned: a Gaussian process on the knots."""
+"""A Gaussian process on the knots of a grid: the prior of a force before it is learned."""
 
 from __future__ import annotations
 
