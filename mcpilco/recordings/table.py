@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,8 @@ UNITS = {
 }
 """what one of each unit is in SI units"""
 _SEPARATORS = ",;\t"
+_COMMENT = "#"
+_CELLS = re.compile(r"[,;\s]+")
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,8 @@ class Table:
 def read_table(path: str | Path) -> Table:
     """The columns of a file: `.npz`, `.parquet` and ROS bags by their names, all else as CSV.
 
-    A CSV has a header row, is separated by commas, semicolons or tabs, and is UTF-8.
+    A CSV has a header row, is separated by commas, semicolons or tabs, or else by spaces, and is
+    UTF-8. Lines that begin with # are comments; the last one above the numbers may be the header.
 
     Raises:
         RecordingError: it is missing, damaged, or holds no named columns.
@@ -146,10 +150,11 @@ def _first_line(error: Exception) -> str:
 
 
 def _read_csv(path: Path) -> Table:
-    text = _decoded(path, _content(path))
-    first, _, _ = text.partition("\n")
-    separator = max(_SEPARATORS, key=first.count)
-    lines = csv.reader(io.StringIO(text, newline=None), delimiter=separator, strict=True)
+    text = _uncommented(_decoded(path, _content(path)))
+    separator = _separator(text)
+    spaced = separator == " "  # by one or more
+    file = io.StringIO(text)
+    lines = csv.reader(file, delimiter=separator, skipinitialspace=spaced, strict=True)
     rows, numbers = [], []
     try:
         for line in lines:
@@ -211,10 +216,27 @@ def _decoded(path: Path, content: bytes) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
+def _uncommented(text: str) -> str:
+    """The text, its comments replaced by empty lines; a header is none that begins with a #."""
+    lines = [line.strip(" ") for line in text.split("\n")]
+    said = [n for n, line in enumerate(lines) if line.startswith(_COMMENT)]
+    plain = [n for n, line in enumerate(lines) if line.strip() and not line.startswith(_COMMENT)]
+    above = [n for n in said if not plain or n < plain[0]]
+    headless = not plain or any(map(_is_number, _CELLS.split(lines[plain[0]])))
+    header = above[-1:] if headless else []
+    for n in said:
+        lines[n] = lines[n].removeprefix(_COMMENT).strip(" ") if n in header else ""
+    return "\n".join(lines)
+
+
+def _separator(text: str) -> str:
+    """What most often separates cells of the header; spaces, where none of the usual ones does."""
+    header = text.lstrip().partition("\n")[0]
+    return max(_SEPARATORS, key=header.count) if any(map(header.count, _SEPARATORS)) else " "
+
+
 def _header(path: Path, cells: Sequence[str], row: int) -> list[str]:
-    """The names, without the `#` that some programs write before them."""
     names = [cell.strip() for cell in cells]
-    names[0] = names[0].removeprefix("#").strip()
     if all(_is_number(name) for name in names):
         raise RecordingError(
             f"{path}, row {row}: expected the names of the columns, got the numbers "

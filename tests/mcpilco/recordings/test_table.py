@@ -32,6 +32,12 @@ def written(tmp_path: Path, content: str | bytes) -> Path:
         GOOD.replace("\n", "\r\n", 2),
         "\ufeff" + GOOD,
         "# " + GOOD,
+        "# made by a logger, in SI units\n# of the left arm\n" + GOOD,
+        "# made by a logger\n#" + GOOD,
+        "# made by a logger\n#\n" + GOOD.replace("0.04", "# paused, 3 s\n0.04"),
+        GOOD.replace(",,", ",nan,").replace(",", " "),
+        "# " + GOOD.replace(",,", ",nan,").replace(",", "   "),
+        GOOD.replace(",,", ",nan,").replace(",", " ").replace("0.0", " 0.0"),
         GOOD.replace("time,angle", " time , angle "),
         GOOD.replace(",,", ",NaN,"),
         GOOD.replace("\n", "\n\n"),
@@ -74,8 +80,8 @@ def test_a_wrong_cell_is_named_by_row_and_column(tmp_path: Path, cell: str, said
 
 
 def test_rows_are_counted_as_an_editor_shows_them(tmp_path: Path) -> None:
-    path = written(tmp_path, "time,angle\n\n0.0,1\n\n0.1,x\n")
-    with pytest.raises(RecordingError, match="row 5, column 'angle'"):
+    path = written(tmp_path, "# a log\ntime,angle\n\n0.0,1\n# on\n0.1,x\n")
+    with pytest.raises(RecordingError, match="row 6, column 'angle'"):
         read_table(path).numbers("angle")
 
 
