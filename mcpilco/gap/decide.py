@@ -15,7 +15,7 @@ from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_model, nearer, on_windows, weighed_anew
 from mcpilco.gap.learned_force import best_force
 from mcpilco.gap.plant_model import PerWindow, PlantModel, Theta
-from mcpilco.gap.posterior import CONFIDENCE, Considered, confidence, intervals, lasting, member
+from mcpilco.gap.posterior import CONFIDENCE, Posterior, lasting
 from mcpilco.gap.screen import bounded
 from mcpilco.gap.search import SearchResult, Tried, shrunk, without
 from mcpilco.gap.sensitivities import residual, run
@@ -44,9 +44,10 @@ class Weighed:
         """The responses to random forces along the motions of the best model."""
         return Disturbance.of(self.best, self.windows)
 
-    def lasting(self, left: Evidence) -> Considered:
-        """The response to forces that are alike in all windows, if a part of what is `left` is."""
-        return lasting(self.disturbance, self.best, self.windows, VERDICT.lasting * left.std)
+    def posterior(self, fit: Fit, left: Evidence) -> Posterior:
+        """Of a fit to the windows; of what it leaves over a part may be alike in all of them."""
+        lasts = lasting(self.disturbance, self.best, self.windows, VERDICT.lasting * left.std)
+        return Posterior(fit, self.windows, lasts)
 
     def share(self, instance: EffectInstance) -> float:
         """The part of the nominal plant's gap that opens again where it alone is taken out [-]."""
@@ -84,7 +85,7 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
     while True:
         effects, seen = best.model.effects, tried.windows
         lasts = lasting(tried.disturbance, best, seen, VERDICT.lasting * told.evidence.std)
-        vain = {*slight_effects(best, null, seen), *uncertain_effects(best, seen, lasts)}
+        vain = {*slight_effects(best, null, seen), *uncertain_effects(Posterior(best, seen, lasts))}
         fewer = {each: tried.keep(without(best, [each], seen, result.null)) for each in effects}
         enough = [f for one, f in fewer.items() if one in vain or not tried.prefers(best, f)]
         if not enough:  # about motions near what was measured all is closest to linear
@@ -125,16 +126,16 @@ def slight_effects(best: Fit, null: Fit, windows: Windows) -> list[EffectInstanc
     return [each for each, change in by_effect.items() if weight @ change < least]
 
 
-def uncertain_effects(fit: Fit, windows: Windows, considered: Considered) -> list[EffectInstance]:
+def uncertain_effects(posterior: Posterior) -> list[EffectInstance]:
     """The effects of which the intervals of all sizes hold that of none, or that of them together.
 
     What is left of the forces, were it alike in all windows, would do as much.
     """
     return [
         instance
-        for instance, parameters in estimates(fit, windows, considered).items()
+        for instance, parameters in estimates(posterior).items()
         if all(p.low <= s.neutral <= p.high for s, p in _sizes(instance, parameters))
-        or _together(instance, fit, windows, considered) < CONFIDENCE
+        or _together(instance, posterior) < CONFIDENCE
     ]
 
 
@@ -316,10 +317,10 @@ def rivals(result: SearchResult, instance: EffectInstance) -> list[Rival]:
 
 def named_effects(result: SearchResult, judged: Weighed) -> tuple[NamedEffect, ...]:
     """The effects of the best model with their intervals, probabilities, shares and families."""
-    fitted, named = (judged.best, judged.windows, judged.lasting(judged.evidence)), []
-    for instance, parameters in estimates(*fitted).items():
+    posterior, named = judged.posterior(judged.best, judged.evidence), []
+    for instance, parameters in estimates(posterior).items():
         tied = [rival.instance.effect.name for rival in rivals(result, instance)]
-        present = min(_present(instance, parameters), _together(instance, *fitted))
+        present = min(_present(instance, parameters), _together(instance, posterior))
         sure = _probability(result, instance) * present
         name, target, share = instance.effect.name, instance.target, judged.share(instance)
         alike = tuple(dict.fromkeys([name, *tied]))
@@ -327,12 +328,11 @@ def named_effects(result: SearchResult, judged: Weighed) -> tuple[NamedEffect, .
     return tuple(named)
 
 
-def estimates(
-    fit: Fit, windows: Windows, considered: Considered
-) -> dict[EffectInstance, dict[str, EstimatedParameter]]:
+def estimates(posterior: Posterior) -> dict[EffectInstance, dict[str, EstimatedParameter]]:
     """The parameters of a fit's effects by symbol, with their intervals."""
-    model, ends = fit.model, intervals(fit, windows, considered)
-    rows = zip(*(model.effect_values(x[None]) for x in (fit.theta, *ends)), strict=True)
+    fit, model = posterior.fit, posterior.fit.model
+    ends = fit.theta, *posterior.intervals()
+    rows = zip(*(model.effect_values(x[None]) for x in ends), strict=True)
     found = {}
     for (instance, values), (_, lows), (_, highs) in rows:
         units = instance.effect.units(model.plant.layout, instance.target)
@@ -388,18 +388,17 @@ def _present(instance: EffectInstance, parameters: dict[str, EstimatedParameter]
     return max(sure)
 
 
-def _together(
-    instance: EffectInstance, fit: Fit, windows: Windows, considered: Considered
-) -> float:
+def _together(instance: EffectInstance, posterior: Posterior) -> float:
     """The confidence at which an effect's sizes are not all none, where it has several.
 
     The interval of one of two excludes 0 by chance about twice as often as that of a single one.
     """
     if np.sum(instance.effect.amplitudes) < 2:
         return 1.0
-    span = fit.model.spans()[fit.model.added.index(instance)]
+    model = posterior.fit.model
+    span = model.spans()[model.added.index(instance)]
     sizes = span.start + np.flatnonzero(instance.effect.amplitudes)
-    return confidence(fit, windows, considered, sizes.tolist())
+    return posterior.confidence(sizes.tolist())
 
 
 def spread_of(result: SearchResult, judged: Weighed, final: Fit) -> tuple[Member, ...]:
@@ -407,16 +406,14 @@ def spread_of(result: SearchResult, judged: Weighed, final: Fit) -> tuple[Member
 
     The final model is the one that the plant gets, with a learned force where there is one.
     """
-    chosen, windows, null = judged.best, judged.windows, judged.null
+    chosen, null = judged.best, judged.null
     if final.model.effects != chosen.model.effects:
-        return (member(null, windows, judged.lasting(judged.nominal), 1.0, final.theta),)
+        return (judged.posterior(null, judged.nominal).member(1.0, final.theta),)
+    ours = judged.posterior(chosen, judged.evidence)
     alike = [rival for instance in chosen.model.effects for rival in rivals(result, instance)]
-    tied = {id(rival.fit): rival for rival in alike}
-    weights = [math.exp(-0.5 * max(rival.behind, 0.0)) for rival in tied.values()]
-    total = 1.0 + sum(weights)
-    others = [on_windows(rival.fit, windows) for rival in tied.values()]
-    lasts, likely = judged.lasting(judged.evidence), zip(others, weights, strict=True)
-    return (
-        member(chosen, windows, lasts, 1.0 / total, final.theta),
-        *(member(f, windows, lasts, w / total, f.theta) for f, w in likely),
-    )
+    tied = {id(rival.fit): rival for rival in alike}.values()
+    weights = [math.exp(-0.5 * max(rival.behind, 0.0)) for rival in tied]
+    others = [replace(ours, fit=on_windows(rival.fit, judged.windows)) for rival in tied]
+    each, total = zip(others, weights, strict=True), 1.0 + sum(weights)
+    theirs = [other.member(weight / total, other.fit.theta) for other, weight in each]
+    return (ours.member(1.0 / total, final.theta), *theirs)

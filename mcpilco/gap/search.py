@@ -10,7 +10,7 @@ Reference: Miller, Subset Selection in Regression (2002), section 3.5: sequentia
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 
@@ -41,6 +41,7 @@ from mcpilco.gap.thresholds import BUDGET, DATA, FIT, SEARCH, VERDICT
 from mcpilco.plant import EffectInstance
 
 Effects = frozenset[EffectInstance]
+Candidates = Sequence[EffectInstance]
 Start = tuple[PlantModel, Windows, Theta, InitialStates]
 """from which a fit begins"""
 
@@ -74,7 +75,7 @@ class Tried:
 
     null: Fit
     """of no effect"""
-    candidates: Sequence[EffectInstance]
+    candidates: Candidates
     disturbance: Disturbance
     windows: Windows
     """in which what the random forces of the best model may do weighs little"""
@@ -89,7 +90,7 @@ class Tried:
     """the scores of all candidates that a fit lacks, by its effects"""
 
     @classmethod
-    def begun(cls, null: Fit, windows: Windows, candidates: Sequence[EffectInstance]) -> Tried:
+    def begun(cls, null: Fit, windows: Windows, candidates: Candidates) -> Tried:
         """The model of no effect alone, fitted anew with its random forces."""
         disturbance = Disturbance.of(null, windows)
         white = disturbance.whitened(disturbance.evidence(null))
@@ -242,7 +243,7 @@ class Tried:
             self.add(rest, some, most, share, max(SEARCH.promising, least))
         return scores
 
-    def scores(self, fit: Fit, new: Sequence[EffectInstance]) -> list[Score]:
+    def scores(self, fit: Fit, new: Candidates) -> list[Score]:
         """Those of effects that a fit lacks."""
         ours, windows = frozenset(fit.model.effects), self.windows
         known, scores = self.screened.get(ours, (None, []))
@@ -255,59 +256,30 @@ class Tried:
         return scores
 
     def add(
-        self,
-        fit: Fit,
-        candidates: Sequence[EffectInstance],
-        most: int,
-        share: ComputeBudget,
-        least: float,
-        bare: bool | None = None,
+        self, fit: Fit, candidates: Candidates, most: int, share: ComputeBudget, least: float
     ) -> list[Score]:
-        """Fits the most promising models of one effect more, those that may gain the least.
+        """Fits the most promising models of one effect more; where there are random forces, twice.
 
-        They are sought beside the random forces or `bare`; by default, where there are any, both
-        ways: an effect is much like the force that stands for it, beside which any size will do.
+        Beside these and without: they do what an effect would, of which then any size will do.
         """
-        ours, new = fit.model.effects, _further(fit, candidates)
-        if not new or len(ours) == SEARCH.most_effects:
+        scores = self.add_beside(fit, candidates, most, share, least)
+        if scores and not fit.model.plant.costly and np.any(self.judged(fit).gain >= VERDICT.sure):
+            alone = on_windows(fit, bare := self.bare(fit))
+            found = screen(alone, alone.linearised(bare), bare, _further(fit, candidates))
+            for fitted in _larger(alone, bare, found, most, share, least):
+                self.keep(weighed_anew(fitted, self.windows))
+        return scores
+
+    def add_beside(
+        self, fit: Fit, candidates: Candidates, most: int, share: ComputeBudget, least: float
+    ) -> list[Score]:
+        """Fits `most` models at most of one effect more, of those that may gain the least."""
+        new = _further(fit, candidates)
+        if not new or len(fit.model.effects) == SEARCH.most_effects:
             return []
-        windows = self.bare(fit) if bare else self.windows
-        fit = on_windows(fit, windows) if bare else fit
-        lin, dear = fit.linearised(windows), fit.model.plant.costly
-        scores = screen(fit, lin, windows, new) if bare else self.scores(fit, new)
-        least = max(least, SEARCH.part_of_exchanged * (scores[0].gain if dear and scores else 0.0))
-        begun: dict[Effects, Fit] = {}
-        some = np.arange(0, len(windows), SEARCH.thinned)
-        few, view = windows[some], fit.at(some)
-        for score in scores:
-            key = frozenset({*ours, score.instance})
-            if score.gain < least or (key not in begun and len(begun) == most):
-                continue
-            if share.used_up:
-                break
-            grown = grow(view, score, few, lin[some])
-            if grown is None:
-                continue
-            if key not in begun or grown.chi2 < begun[key].chi2:
-                begun[key] = grown
-            taken = (view.by_window.sum() - grown.chi2) * len(windows) / len(few)
-            stepped = fit.model.plant.timestep_s > 0.0
-            if stepped and taken >= score.gain:  # what promises far less cannot compare
-                least = max(least, SEARCH.as_much * score.gain)
-        closest = sorted(begun.values(), key=lambda grown: grown.chi2)
-        if dear and closest:  # those that explain half of what the first does
-            enough = 0.5 * (view.by_window.sum() + closest[0].chi2)
-            closest = [grown for grown in closest if grown.chi2 <= enough]
-        near = lin if dear and not fit.model.learned else None
-        for grown in closest[: SEARCH.refined]:
-            x0 = fit.x0.copy()
-            x0[some] = grown.x0
-            if dear:  # the model without the effect has led them astray
-                x0 = improved_initial_states(grown.model, windows, grown.theta, x0, FIT.few)
-            fitted = fit_model(grown.model, windows, grown.theta, x0, 8, near=near)
-            self.keep(weighed_anew(fitted, self.windows) if bare else fitted)
-        if bare is None and not dear and np.any(self.judged(fit).gain >= VERDICT.sure):
-            self.add(fit, candidates, most, share, least, bare=True)
+        scores = self.scores(fit, new)
+        for fitted in _larger(fit, self.windows, scores, most, share, least):
+            self.keep(fitted)
         return scores
 
     def bare(self, fit: Fit) -> Windows:
@@ -315,7 +287,7 @@ class Tried:
         return self.disturbance.whitened(replace(self.judged(fit), std=0.0 * self.judged(fit).std))
 
 
-def _further(fit: Fit, candidates: Sequence[EffectInstance]) -> list[EffectInstance]:
+def _further(fit: Fit, candidates: Candidates) -> list[EffectInstance]:
     """Those of candidates that a model does not have in some form."""
     ours = fit.model.effects
     return [c for c in candidates if not any(c == o or c.repeats(o) for o in ours)]
@@ -343,7 +315,7 @@ def _left_over(
 def search(
     model: PlantModel,
     windows: Windows,
-    candidates: Sequence[EffectInstance],
+    candidates: Candidates,
     hints: Sequence[Fit] = (),
 ) -> SearchResult:
     """Changes models as long as the evidence grows, the best ones first.
@@ -397,7 +369,7 @@ def relieve(tried: Tried, fit: Fit, but: EffectInstance | None = None) -> None:
     if _strained(fit):
         meant = [c for c in _of_masses(tried.candidates, tried.null) if c != but]
         share = fit.model.budget.share(1.0)
-        tried.add(fit, meant, SEARCH.relieving, share, SEARCH.strained, bare=False)
+        tried.add_beside(fit, meant, SEARCH.relieving, share, SEARCH.strained)
 
 
 def _gather(tried: Tried, fit: Fit) -> None:
@@ -421,7 +393,7 @@ def _of_masses(effects: Iterable[EffectInstance], null: Fit) -> list[EffectInsta
 
 
 def _exchange(
-    tried: Tried, fit: Fit, gone: Sequence[EffectInstance], new: dict[EffectInstance, list[float]]
+    tried: Tried, fit: Fit, gone: Candidates, new: dict[EffectInstance, list[float]]
 ) -> None:
     """Fits a model with others in the place of some effects, from these values of them."""
     model, theta = shrunk(fit, gone, tried.null)
@@ -472,7 +444,7 @@ def confuse(tried: Tried) -> None:
         model, theta = shrunk(best, [instance], tried.null)
         rest = replace(best, model=model, theta=theta)  # the others stay as they are
         own = max(score.gain for score in tried.scores(rest, [instance]))
-        tried.add(rest, same, len(same), share, SEARCH.part_of_exchanged * own, bare=False)
+        tried.add_beside(rest, same, len(same), share, SEARCH.part_of_exchanged * own)
         relieve(tried, tried.keep(without(best, [instance], tried.windows, tried.null)), instance)
     if {*tried.best().model.effects} != {*best.model.effects}:
         confuse(tried)
@@ -495,7 +467,7 @@ def _reconsider(tried: Tried, share: ComputeBudget) -> list[Score]:
 def _search(
     model: PlantModel,
     windows: Windows,
-    candidates: Sequence[EffectInstance],
+    candidates: Candidates,
     share: ComputeBudget,
     hints: Sequence[Fit] = (),
 ) -> tuple[Tried, list[Score]]:
@@ -558,6 +530,46 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
     eased = [fit for fit in eased if (frozenset(fit.model.effects), False) not in tried.grown]
     chosen = [*(fit for fit in open_ if fit is best), *special, *rest[: SEARCH.beam]]
     return list({id(fit): fit for fit in (*chosen, *closest, *eased)}.values())
+
+
+def _larger(
+    fit: Fit,
+    windows: Windows,
+    scores: Sequence[Score],
+    most: int,
+    share: ComputeBudget,
+    least: float,
+) -> Iterator[Fit]:
+    """The closest fits of models of one effect more, of those that may gain the least."""
+    lin, dear = fit.linearised(windows), fit.model.plant.costly
+    least = max(least, SEARCH.part_of_exchanged * (scores[0].gain if dear and scores else 0.0))
+    begun: dict[Effects, Fit] = {}
+    some = np.arange(0, len(windows), SEARCH.thinned)
+    few, view = windows[some], fit.at(some)
+    for score in scores:
+        key = frozenset({*fit.model.effects, score.instance})
+        if score.gain < least or (key not in begun and len(begun) == most):
+            continue
+        if share.used_up:
+            break
+        if (grown := grow(view, score, few, lin[some])) is None:
+            continue
+        if key not in begun or grown.chi2 < begun[key].chi2:
+            begun[key] = grown
+        taken = (view.by_window.sum() - grown.chi2) * len(windows) / len(few)
+        if fit.model.plant.timestep_s and taken >= score.gain:  # far less cannot compare
+            least = max(least, SEARCH.as_much * score.gain)
+    closest = sorted(begun.values(), key=lambda grown: grown.chi2)
+    if dear and closest:  # those that explain half of what the first does
+        enough = 0.5 * (view.by_window.sum() + closest[0].chi2)
+        closest = [grown for grown in closest if grown.chi2 <= enough]
+    near = lin if dear and not fit.model.learned else None
+    for grown in closest[: SEARCH.refined]:
+        x0 = fit.x0.copy()
+        x0[some] = grown.x0
+        if dear:  # the model without the effect has led them astray
+            x0 = improved_initial_states(grown.model, windows, grown.theta, x0, FIT.few)
+        yield fit_model(grown.model, windows, grown.theta, x0, 8, near=near)
 
 
 def grow(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> Fit | None:
@@ -643,11 +655,9 @@ def shrunk(fit: Fit, gone: Iterable[EffectInstance], null: Fit) -> tuple[PlantMo
 
 def nested_fits(result: SearchResult, best: Fit) -> tuple[Fit, ...]:
     """Fits of a search: the best of one of a fit's effects, the best of two with this one, ..."""
-    ours, steps = set(best.model.effects), []
-    chosen: set[EffectInstance] = set()
+    ours, steps, chosen = {*best.model.effects}, list[Fit](), set[EffectInstance]()
     for size in range(1, len(ours)):
         own = [fit for fit in result.fits if len(fit.model.effects) == size]  # the best first
-        nested = [fit for fit in own if chosen <= {*fit.model.effects} <= ours]
-        steps += nested[:1]
-        chosen = {*steps[-1].model.effects} if nested else chosen
+        steps += [fit for fit in own if chosen <= {*fit.model.effects} <= ours][:1]
+        chosen = {*(steps[-1].model.effects if steps else ())}
     return tuple(steps)

@@ -31,7 +31,7 @@ from mcpilco.gap.decide import (
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal
 from mcpilco.gap.plant_model import GridForce, PlantModel
-from mcpilco.gap.posterior import lasting
+from mcpilco.gap.posterior import Posterior, lasting
 from mcpilco.gap.search import SearchResult
 from mcpilco.gap.sensitivities import run
 from mcpilco.gap.thresholds import SEARCH, VERDICT
@@ -148,7 +148,7 @@ def test_what_lasting_forces_may_do_as_well_is_uncertain(
     fit = with_effects(nominal, windows, [FRICTION])
     std = np.array([part * 0.1 / fit.model.scales["pendulum"].force])
     lasts = lasting(Disturbance.of(fit, windows), fit, windows, std)
-    assert uncertain_effects(fit, windows, lasts) == uncertain
+    assert uncertain_effects(Posterior(fit, windows, lasts)) == uncertain
 
 
 @pytest.mark.parametrize("why", ["slight_effects", "uncertain_effects"])
@@ -158,7 +158,11 @@ def test_what_is_not_told_is_nothing_that_is_left(
     """It is too slight, or may be none, and not worth a word; but it helps."""
     nominal, windows = rubbing
     result, best = searched(nominal, windows, [FRICTION])
-    monkeypatch.setattr(decide, why, lambda fit, *_: list(fit.model.effects))
+    every = {
+        "slight_effects": lambda fit, *_: list(fit.model.effects),
+        "uncertain_effects": lambda posterior: list(posterior.fit.model.effects),
+    }
+    monkeypatch.setattr(decide, why, every[why])
     judged = weighed(result, best, result.null, windows)
     assert judged.best.model.effects == ()
     assert leaves_something(replace(judged, whole=None))

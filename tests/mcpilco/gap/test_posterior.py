@@ -13,7 +13,7 @@ from scipy import stats
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Disturbance
 from mcpilco.gap.fit import Fit, nearer
-from mcpilco.gap.posterior import confidence, covariance, lasting
+from mcpilco.gap.posterior import Posterior, lasting
 from mcpilco.gap.sensitivities import linearise, residual, run
 from mcpilco.plant import CATALOGUE, EffectInstance
 
@@ -39,7 +39,8 @@ def linear() -> Callable[..., tuple[np.ndarray, np.ndarray]]:
         P: np.ndarray, r: np.ndarray, force: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         fit, windows = fitted(P, r)
-        return fit.theta, covariance(fit, windows, nothing_lasts(r) if force is None else force)
+        force = nothing_lasts(r) if force is None else force
+        return fit.theta, Posterior(fit, windows, force).covariance
 
     return solved
 
@@ -77,10 +78,10 @@ def test_two_numbers_that_are_0_are_told_apart_from_it_as_rarely_as_one() -> Non
     for _ in range(800):
         P = rng.normal(size=(12, 5, 2))
         r = rng.normal(size=(12, 5)) + rng.normal(size=(12, 1))
-        solution = (*fitted(P, r), nothing_lasts(r))
-        (fit, *_), spread = solution, covariance(*solution)
-        alone += bool((np.abs(fit.theta) > stats.t.ppf(0.975, 11) * np.sqrt(np.diag(spread))).any())
-        together += confidence(*solution, [0, 1]) > 0.95
+        solved = Posterior(*fitted(P, r), nothing_lasts(r))
+        std = np.sqrt(np.diag(solved.covariance))
+        alone += bool((np.abs(solved.fit.theta) > stats.t.ppf(0.975, 11) * std).any())
+        together += solved.confidence([0, 1]) > 0.95
     assert 0.03 < together / 800 < 0.07 < 0.08 < alone / 800
 
 

@@ -90,7 +90,7 @@ def test_where_a_fit_takes_masses_far_from_their_priors_effects_of_these_are_tri
     mass = active("body_mass", "pendulum")
     candidates, asked = [FRICTION, LAG, mass], []
     tried = Tried.begun(null, windows, candidates)
-    monkeypatch.setattr(tried, "add", lambda fit, some, *_, **__: asked.append(some) or [])
+    monkeypatch.setattr(tried, "add_beside", lambda fit, some, *_, **__: asked.append(some) or [])
     pulled = np.eye(len(null.theta))[0] * 5.0 * next(iter(null.model.priors.values()))
     for theta in (0.0 * pulled, pulled):
         tried.fits[frozenset()] = tried.null = replace(null, theta=theta)
@@ -151,15 +151,15 @@ def test_an_effect_is_likelier_where_no_random_force_of_a_model_without_it_stand
     hidden = [(FRICTION, (0.5, 2e-3)), (LAG, (0.08,))]
     known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), hidden)
     likely = {}
-    for ways in (False, None):
+    for how in (Tried.add_beside, Tried.add):
         null, windows = fit_nominal(known.model(known.windows()), known.windows())
         tried = Tried.begun(null, windows, [FRICTION])
         model, theta = null.model.grown(null.theta, LAG, [0.03])
         tried.weigh_by(tried.keep(fitted(model, tried.windows, theta)))
         alone = tried.fits[frozenset({LAG})]
-        tried.add(alone, [FRICTION], 1, known.budget.share(1.0), SEARCH.promising, bare=ways)
-        likely[ways] = tried.bic(tried.fits[frozenset({LAG, FRICTION})])
-    assert likely[None] < likely[False] - SEARCH.bic_gain
+        how(tried, alone, [FRICTION], 1, known.budget.share(1.0), SEARCH.promising)
+        likely[how] = tried.bic(tried.fits[frozenset({LAG, FRICTION})])
+    assert likely[Tried.add] < likely[Tried.add_beside] - SEARCH.bic_gain
 
 
 def test_all_that_does_the_same_as_the_best_model_is_fitted() -> None:
