@@ -94,6 +94,9 @@ class ActuatorDeadZone(ActuatorEffect):
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
         tables.actuators[system, at, [DEAD_ZONE, DEAD_BELOW]] += values[0], values[-1]
 
+    def largest(self, scale: Scale) -> Float[np.ndarray, " symbols"]:
+        return np.full(len(self.symbols), scale.command)  # which leaves nothing of any command
+
     def probes(self, scale: Scale) -> list[Probe]:
         return not_proportional(0.01, 0.05, 0.15, unit=scale.command)
 

@@ -287,6 +287,12 @@ def test_a_force_of_thirty_times_the_usual_one_is_the_largest_that_is_meant(name
     assert np.isinf(largest[~sizes]).all()
 
 
+@pytest.mark.parametrize("name", ["actuator_dead_zone", "asymmetric_dead_zone"])
+def test_no_dead_zone_is_meant_that_leaves_nothing_of_the_largest_command(name):
+    largest = CATALOGUE[name].largest(scale := usual())
+    np.testing.assert_array_equal(largest, scale.command)
+
+
 @pytest.mark.parametrize(
     ("position", "least", "count"),
     [(0.3, 150.0, 60), (3.0, 39.0, 72), (10.0, 38.0, 240), (40.0, 11.0, 240)],
