@@ -106,24 +106,31 @@ def _taken_out(best: Fit, instance: EffectInstance, null: Fit) -> tuple[PlantMod
 def slight_effects(best: Fit, null: Fit, windows: Windows) -> list[EffectInstance]:
     """The effects that change motions less than the error does that parameters are told to have.
 
-    Where a simulation stands for a machine, an integrator of first order acts like effects of that
+    Of bodies all that; of others 1 %, for an integrator of first order acts like effects of that
     size. Both changes are simulated: behind impacts a linear form makes far more of an error.
     """
     if not best.model.effects:
         return []
     lin, priors = best.linearised(windows), np.array([*null.model.priors.values()])
-    told = np.where(np.isfinite(priors), np.minimum(priors, DATA.uncertainty), 0.0)
 
     def moved(model: PlantModel, theta: Theta) -> PerWindow:
         y = run(model, windows, theta[None], best.x0[None])[0]
         return np.square(lin.cleaned((residual(windows, y) - lin.r)[..., None])).sum(axis=(1, 2))
 
-    errors = np.diag(told)[told > 0.0] @ np.eye(len(told), len(best.theta))
-    wrong = np.array([np.zeros(len(windows)), *(moved(best.model, best.theta + e) for e in errors)])
-    weight = bounded(wrong.max(axis=0))
-    least = VERDICT.slight**2 * (wrong @ weight).max()
-    by_effect = {each: moved(*_taken_out(best, each, null)) for each in best.model.effects}
-    return [each for each, change in by_effect.items() if weight @ change < least]
+    def by_errors(most: float) -> tuple[PerWindow, float]:
+        told = np.where(np.isfinite(priors), np.minimum(priors, most), 0.0)
+        errors = np.diag(told)[told > 0.0] @ np.eye(len(told), len(best.theta))
+        each = [np.zeros(len(windows)), *(moved(best.model, best.theta + e) for e in errors)]
+        weight = bounded(np.max(each, axis=0))
+        return weight, VERDICT.slight**2 * float((np.array(each) @ weight).max())
+
+    limits = by_errors(DATA.uncertainty), by_errors(np.inf)
+    slight = []
+    for each in best.model.effects:
+        weight, least = limits[each.effect.place == "body"]
+        if weight @ moved(*_taken_out(best, each, null)) < least:
+            slight.append(each)
+    return slight
 
 
 def uncertain_effects(posterior: Posterior) -> list[EffectInstance]:

@@ -250,11 +250,7 @@ def fit_initial_states(
 
 
 def improved_initial_states(
-    model: PlantModel,
-    windows: Windows,
-    theta: Theta,
-    x0: InitialStates,
-    iterations: int = 10,
+    model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates, iterations: int = 10
 ) -> InitialStates:
     """The initial states; where a simulation is dear, steps tell how its answer to them changes.
 

@@ -313,10 +313,7 @@ def _left_over(
 
 
 def search(
-    model: PlantModel,
-    windows: Windows,
-    candidates: Candidates,
-    hints: Sequence[Fit] = (),
+    model: PlantModel, windows: Windows, candidates: Candidates, hints: Sequence[Fit] = ()
 ) -> SearchResult:
     """Changes models as long as the evidence grows, the best ones first.
 

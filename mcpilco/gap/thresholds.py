@@ -348,7 +348,7 @@ class VerdictThresholds:
     """difference in BIC below which sets of effects cannot be distinguished; above `bic_gain`"""
     slight: float = 0.5
     """change of the motions by an effect below which it is not told, in the most that a parameter
-    does which is 1 % wrong [-]: MuJoCo's default steps make 0.1 to 0.4 of lags, 0.55 is hidden"""
+    does, 1 % wrong, of bodies as told [-]: MuJoCo's steps make 0.1 to 0.4 of lags, 0.55 hidden"""
     unexplained: float = 20.0
     """times what noise does that a corrected plant may miss unsaid [-]; effects leave 16 at most"""
     unlearned: float = 200.0
