@@ -85,7 +85,7 @@ class Learn(options.Command):
     """Learn which currents to expect, from recordings without any contact."""
 
     recordings: options.Files
-    """CSV, npz or parquet: time, and for each joint position, velocity, current and targets"""
+    """CSV, npz, mat or parquet: time, and for each joint position, velocity, current and targets"""
     robot: Annotated[Path, tyro.conf.arg(metavar="FILE.xml")]
     """MJCF of the robot; its kinematics must be right, its masses need not"""
     out: Annotated[Path, tyro.conf.arg(metavar="MODEL")]

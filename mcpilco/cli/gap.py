@@ -49,7 +49,7 @@ class Gap(options.Command):
     """Find where a plant and recordings disagree, name the missing effect, add it."""
 
     recordings: options.Files
-    """CSV, npz or parquet, with the columns `time`, the plant's states and inputs"""
+    """CSV, npz, mat or parquet, with the columns `time`, the plant's states and inputs"""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
     """folder for gap.json, corrected.json (of an MJCF corrected.xml), report.html and gap.rrd"""
     plant: Annotated[str, tyro.conf.arg(metavar="ID|FILE")] = CART_POLE

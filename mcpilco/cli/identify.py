@@ -42,8 +42,8 @@ class Identify(options.Command):
     """Find the masses, inertias and friction of a robot in recordings of its motion."""
 
     recordings: options.Files
-    """CSV, npz or parquet, with the columns `time`, `<joint>_position`, and `<joint>_torque` (of a
-    slide `<joint>_force`) or a command for each motor"""
+    """CSV, npz, mat or parquet, with the columns `time`, `<joint>_position` and `<joint>_torque`
+    (of a slide `<joint>_force`) or a command for each motor"""
     model: Annotated[str, tyro.conf.arg(metavar="ID|FILE.xml")]
     """a registered plant, or an MJCF of the robot: joints and frames are taken from it"""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]

@@ -25,7 +25,7 @@ class InverseDynamics(options.Command):
     """Learn a robot's inverse dynamics from recordings, and test them on the end of each."""
 
     recordings: options.Files
-    """CSV, npz or parquet, with the columns `time`, `<joint>_position`, `<joint>_torque`; also
+    """CSV, npz, mat or parquet, with the columns `time`, `<joint>_position`, `<joint>_torque`; also
     `<joint>_velocity` and `<joint>_acceleration` where they are measured"""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
     """folder for model.npz, report.json and torques.png"""

@@ -22,7 +22,7 @@ class Kinematics(Command):
     """Find a robot's kinematic chain in marker poses, and learn its forward kinematics."""
 
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
-    """CSV, npz or parquet of `time`, joints and marker poses; or one of poses and one of joints"""
+    """CSV, npz, mat or parquet of `time`, joints and marker poses, or two: poses, and joints"""
     out: Annotated[Path | None, optional("FOLDER", "nothing is written")] = None
     """folder for kinematics.json, kinematics.xml, forward.npz and kinematics.png"""
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)

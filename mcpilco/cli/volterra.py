@@ -26,7 +26,7 @@ class Volterra(Command):
     """Find the Volterra series from inputs to outputs, and say how well it predicts."""
 
     recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
-    """CSV, npz or parquet: a column for each input and output, a row a sample"""
+    """CSV, npz, mat or parquet: a column for each input and output, a row a sample"""
     inputs: Annotated[tuple[str, ...], tyro.conf.arg(metavar="COLUMN...")]
     """what was commanded"""
     outputs: Annotated[tuple[str, ...], tyro.conf.arg(metavar="COLUMN...")]

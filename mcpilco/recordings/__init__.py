@@ -1,8 +1,8 @@
 """Recordings: log files become arrays with units, and what is wrong with them is said.
 
-A file is a `table` of named columns (CSV, npz, parquet). One `reader` picks the columns, puts the
-rows in the order of their time stamps and leaves out those that repeat or run backwards. What it
-read becomes one of
+A file is a `table` of named columns (CSV, npz, mat, parquet). One `reader` picks the columns, puts
+the rows in the order of their time stamps and leaves out those that repeat or run backwards. What
+it read becomes one of
 
 - `Recording`: states and inputs on a uniform grid, with gaps and noise (`read_recording`); a
   robot's `Segment` (`read_robot`), its `JointMotion` (`zero_phase`, `local_cubics`) and

@@ -145,7 +145,7 @@ def read_arm(
     columns: Mapping[str, str] | None = None,
     dt: float | None = None,
 ) -> ArmRecording:
-    """The recording of an arm in a file: CSV with a header row, `.npz` or `.parquet`.
+    """The recording of an arm in a file: CSV with a header row, `.npz`, `.mat` or `.parquet`.
 
     Joints are in the robot's order; `columns` has the file's name for `time` or one of
     `columns_of`, where it differs. The sampling time must be dt [s], or so many times shorter: then

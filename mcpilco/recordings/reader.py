@@ -111,7 +111,7 @@ def read_rows(
     remark; where they are many, the file is refused.
 
     Args:
-        path: of a CSV with a header row, an `.npz` or a `.parquet`.
+        path: of a CSV with a header row, an `.npz`, `.mat` or `.parquet`.
         names: of the columns besides `time`; all that the file has by default.
         optional: which of them may be absent; `time` too: then rows count as seconds.
         columns: the file's name for `time` or another column, where it differs, with its unit
@@ -259,7 +259,7 @@ def read_recording(
     columns: Mapping[str, str] | None = None,
     dt: float | None = None,
 ) -> Recording:
-    """The recording in a file: CSV with a header row, `.npz` or `.parquet`.
+    """The recording in a file: CSV with a header row, `.npz`, `.mat` or `.parquet`.
 
     Args:
         path: of the file.

@@ -66,7 +66,7 @@ def lagged(inputs: Float[np.ndarray, "T U"], lags: int) -> Float[np.ndarray, "N 
 
 
 def read_series(path: str | Path, inputs: Sequence[str], outputs: Sequence[str]) -> Series:
-    """The named columns of a CSV, npz or parquet file, a row a sample.
+    """The named columns of a CSV, npz, mat or parquet file, a row a sample.
 
     Where there is a column `time` its steps must be even.
 

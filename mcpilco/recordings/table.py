@@ -1,4 +1,4 @@
-"""Files of named columns: CSV, npz, parquet, ROS bags. Nothing in them is executed."""
+"""Files of named columns: CSV, npz, mat, parquet, ROS bags. Nothing in them is executed."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class Table:
 
 
 def read_table(path: str | Path) -> Table:
-    """The columns of a file: `.npz`, `.parquet` and ROS bags by their names, all else as CSV.
+    """The columns of a file: `.npz`, `.mat`, `.parquet`, ROS bags by their names, else a CSV.
 
     A CSV has a header row, is separated by commas, semicolons or tabs, or else by spaces, and is
     UTF-8. Lines that begin with # are comments; the last one above the numbers may be the header.
@@ -108,6 +108,8 @@ def read_table(path: str | Path) -> Table:
     match path.suffix.lower():
         case ".npz":
             return _read_npz(path)
+        case ".mat":
+            return _read_mat(path)
         case ".parquet":
             return _read_parquet(path)
     return _read_csv(path)
@@ -282,7 +284,7 @@ def _complete(
     return rows, remarks
 
 
-# npz and parquet ----------------------------------------------------------------------------------
+# npz, mat and parquet -----------------------------------------------------------------------------
 
 
 def _read_npz(path: Path) -> Table:
@@ -291,6 +293,30 @@ def _read_npz(path: Path) -> Table:
     except RunFolderError as error:
         raise RecordingError(f"{_first_line(error).rstrip('.')}; write it again.") from error
     return _table(path, arrays)
+
+
+def _read_mat(path: Path) -> Table:
+    """The vectors in a file of MATLAB's; scalars, matrices, texts and structs are passed over."""
+    from scipy.io import loadmat
+
+    content = io.BytesIO(_content(path))
+    try:
+        found = loadmat(content)
+    except NotImplementedError:
+        raise RecordingError(
+            f"{path}: expected a MAT-file up to version 7, got version 7.3; in MATLAB write it by "
+            "save('log.mat', ..., '-v7'), or save it as CSV."
+        ) from None
+    except Exception as error:  # scipy raises almost anything from damaged bytes
+        raise RecordingError(
+            f"{path} is no MAT-file, or damaged: {_first_line(error)}; write it again."
+        ) from error
+    arrays = {name: each for name, each in found.items() if isinstance(each, np.ndarray)}
+    return _table(path, {name: each.ravel() for name, each in arrays.items() if _is_vector(each)})
+
+
+def _is_vector(array: np.ndarray) -> bool:
+    return array.dtype.kind in "biuf" and array.size == max(array.shape) > 1
 
 
 def _read_parquet(path: Path) -> Table:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from mcpilco.recordings.table import read_table
 from mcpilco.typing import InputError, RecordingError
@@ -152,6 +153,23 @@ def test_an_npz_with_infinity_is_refused_by_row(tmp_path: Path) -> None:
         read_table(tmp_path / "log.npz").numbers("angle")
 
 
+def test_a_mat_file_gives_its_vectors(tmp_path: Path) -> None:
+    """As benchmarks are published, with scalars, matrices, texts and structs beside."""
+    vectors = {"time": np.arange(3.0)[:, None], "angle": np.array([1.0, np.nan, 3.0])}
+    others = {"dt": 0.02, "poses": np.eye(3), "name": "a log", "about": {"rig": "left", "q": 1}}
+    savemat(tmp_path / "log.mat", vectors | others)
+    table = read_table(tmp_path / "log.mat")
+    assert list(table.columns) == ["time", "angle"]
+    np.testing.assert_array_equal(table.numbers("angle"), [1.0, np.nan, 3.0])
+
+
+def test_a_mat_file_of_version_7_3_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    header = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
+    (tmp_path / "log.mat").write_bytes(header.ljust(512, b"\0") + b"\x89HDF")
+    with pytest.raises(RecordingError, match=r"got version 7\.3; in MATLAB write it by save"):
+        read_table(tmp_path / "log.mat")
+
+
 def test_a_parquet_gives_its_columns(tmp_path: Path) -> None:
     pyarrow = pytest.importorskip("pyarrow")
     from pyarrow import parquet
@@ -164,7 +182,7 @@ def test_a_parquet_gives_its_columns(tmp_path: Path) -> None:
         read.numbers("mode")
 
 
-@pytest.mark.parametrize("name", ["log.npz", "log.parquet"])
+@pytest.mark.parametrize("name", ["log.npz", "log.mat", "log.parquet"])
 def test_a_damaged_container_is_refused(tmp_path: Path, name: str) -> None:
     buffer = io.BytesIO()
     np.savez(buffer, time=np.arange(100))
