@@ -125,12 +125,9 @@ def slight_effects(best: Fit, null: Fit, windows: Windows) -> list[EffectInstanc
         return weight, VERDICT.slight**2 * float((np.array(each) @ weight).max())
 
     limits = by_errors(DATA.uncertainty), by_errors(np.inf)
-    slight = []
-    for each in best.model.effects:
-        weight, least = limits[each.effect.place == "body"]
-        if weight @ moved(*_taken_out(best, each, null)) < least:
-            slight.append(each)
-    return slight
+    changes = {each: moved(*_taken_out(best, each, null)) for each in best.model.effects}
+    bounds = {each: limits[each.effect.place == "body"] for each in changes}
+    return [each for each, (weight, least) in bounds.items() if weight @ changes[each] < least]
 
 
 def uncertain_effects(posterior: Posterior) -> list[EffectInstance]:

@@ -158,14 +158,15 @@ def investigate(
             closest = Closest(named_effects(result, nearest), part, corrected(nearest.best))
         named = ()
 
-    known = "named" if named else "none"
-    verdict = ("partly" if named else "unknown") if unknown else known
+    verdict = ("partly" if named else "unknown") if unknown else "named" if named else "none"
     if verdict == "none" and unchanging(recordings):
         return _too_poor(problem, MOVE, remarks, doubts)
     _tell("comparison of the models", final)
     on_the_way = nested_fits(result, best) if named else ()
     models = ComparedModels(result.null.model, null, final, on_the_way)
     compared = compare(models, clear, reported)
+    if verdict == "none" and compared.corrected > VERDICT.nothing * compared.noise_floor:
+        verdict = "unknown"  # what tells so was left out as events, or is in no fitted window
     return Gap(
         plant=plant,
         verdict=verdict,

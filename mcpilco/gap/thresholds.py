@@ -349,6 +349,8 @@ class VerdictThresholds:
     slight: float = 0.5
     """change of the motions by an effect below which it is not told, in the most that a parameter
     does, 1 % wrong, of bodies as told [-]: MuJoCo's steps make 0.1 to 0.4 of lags, 0.55 hidden"""
+    nothing: float = 6.0
+    """times what noise does that a plant may miss which lacks nothing [-]; sound ones have 3.4"""
     unexplained: float = 20.0
     """times what noise does that a corrected plant may miss unsaid [-]; effects leave 16 at most"""
     unlearned: float = 200.0

@@ -16,12 +16,14 @@ import envs
 import mcpilco.gap
 from mcpilco.cli import main
 from mcpilco.gap import Gap, investigate, investigation
+from mcpilco.gap.comparison import Comparison
 from mcpilco.gap.data import Event, GapProblem, Windows
 from mcpilco.gap.decide import Weighed
 from mcpilco.gap.disturbance import Evidence
 from mcpilco.gap.fit import fit_nominal
 from mcpilco.gap.report import summary, to_json
 from mcpilco.gap.search import SearchResult
+from mcpilco.gap.thresholds import VERDICT
 from mcpilco.mjcf import mjcf_of_plant, plant_of
 from mcpilco.plant import Plant, Spread
 from mcpilco.recordings import Recording, write_recording
@@ -176,6 +178,23 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
     gap = investigate(PLANT(), [record(rng, nothing, number) for number in range(3)])
     assert gap.verdict == "none"
     assert gap.named == ()
+
+
+@pytest.mark.parametrize(("times", "verdict"), [(0.5, "none"), (2.0, "unknown")])
+def test_a_plant_that_misses_held_out_motions_by_far_more_than_noise_does_lacks_something(
+    times: float, verdict: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where each fitted window that shows it was taken for one with an event."""
+    compare = investigation.compare
+
+    def far(*given: Any) -> Comparison:
+        found = compare(*given)
+        return replace(found, corrected=times * VERDICT.nothing * found.noise_floor)
+
+    monkeypatch.setattr(investigation, "compare", far)
+    rng = np.random.default_rng(4)
+    gap = investigate(PLANT(), [record(rng, nothing, number) for number in range(5)])
+    assert (gap.verdict, gap.named) == (verdict, ())
 
 
 @pytest.mark.slow
