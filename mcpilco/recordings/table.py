@@ -232,7 +232,7 @@ def _uncommented(text: str) -> str:
 
 
 def _separator(text: str) -> str:
-    """What most often separates cells of the header; spaces, where none of the usual ones does."""
+    """The one that is most often in the header; spaces, where none of the usual ones is."""
     header = text.lstrip().partition("\n")[0]
     return max(_SEPARATORS, key=header.count) if any(map(header.count, _SEPARATORS)) else " "
 
