@@ -111,7 +111,7 @@ def test_errors_of_parameters_count_by_what_they_do_and_not_by_their_slopes(
 def slight(
     rubbing: tuple[PlantModel, Windows],
 ) -> Callable[[EffectInstance, float, float], list[EffectInstance]]:
-    """What is slight of a friction and an effect of some size, of parameters with some std."""
+    """Finds which of a friction and an effect of some size is slight beside errors of some std."""
     nominal, windows = rubbing
     null = with_effects(nominal, windows, [])
     fits = {each: with_effects(nominal, windows, [FRICTION, each]) for each in (SPRING, INERTIA)}
@@ -144,6 +144,20 @@ def test_an_effect_of_a_body_is_told_beyond_what_is_told_to_be_uncertain_of_bodi
         next(size for size in sizes if slight(instance, size, std) == []) for std in (0.01, 0.03)
     )
     assert three / one == pytest.approx(times, rel=0.1)
+
+
+def test_a_fit_by_its_own_weights_counts_only_where_it_is_likelier(
+    rubbing: tuple[PlantModel, Windows], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result, best = searched(*rubbing, [FRICTION])
+
+    def wandering(*given: Any, **how: Any) -> Fit:
+        fit = fit_model(*given, **how)
+        return replace(fit, theta=1.5 * fit.theta)
+
+    monkeypatch.setattr(decide, "fit_model", wandering)
+    judged = weighed(result, best, result.null, rubbing[1])
+    np.testing.assert_array_equal(judged.best.theta, best.theta)
 
 
 @pytest.mark.parametrize(("part", "uncertain"), [(0.0, []), (0.3, []), (2.0, [FRICTION])])
