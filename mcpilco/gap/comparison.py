@@ -41,8 +41,7 @@ class ComparedModels:
     @property
     def baseline(self) -> str:
         """The plant from which a gap is measured: the refit where parameters were freed."""
-        freed = any(np.isinf(std) for std in self.nominal.priors.values())
-        return "refit" if freed else "nominal"
+        return "refit" if any(map(np.isinf, self.nominal.priors.values())) else "nominal"
 
     @property
     def shown(self) -> tuple[str, ...]:

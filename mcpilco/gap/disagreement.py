@@ -315,8 +315,7 @@ def runs(short: Windows) -> list[slice]:
     """Windows that follow one another without a break."""
     longest = (short.y.shape[2] + 0.5) * short.dt  # from one start to the next, side by side
     broken = (np.diff(short.recording) != 0) | (np.diff(short.start_s) > longest)
-    ends = [0, *(np.flatnonzero(broken) + 1), len(short)]
-    return [slice(a, b) for a, b in pairwise(ends)]
+    return [slice(a, b) for a, b in pairwise([0, *(np.flatnonzero(broken) + 1), len(short)])]
 
 
 def without_bursts(problem: GapProblem, best: Fit) -> tuple[GapProblem, tuple[Event, ...]]:

@@ -297,8 +297,7 @@ def initial_state_step(
 ) -> InitialStates:
     """Least-squares change of the initial states that explains `goal`, damped."""
     N = np.einsum("wni,wnj->wij", Jx, Jx)
-    diagonal = np.einsum("wii->wi", N)
-    size = np.sqrt(np.maximum(diagonal, 1e-12))
+    size = np.sqrt(np.maximum(np.einsum("wii->wi", N), 1e-12))
     N = N / size[:, :, None] / size[:, None, :]
     N = N + np.broadcast_to(np.asarray(damping)[..., None, None] * np.eye(N.shape[-1]), N.shape)
     g = np.einsum("wni,wn->wi", Jx, goal) / size
@@ -313,12 +312,17 @@ def given_way(
     Jx: Float[np.ndarray, "W n X"],
     damping: float = 1e-3,
 ) -> tuple[InitialStates, PerWindow]:
-    """Initial states that give way to theta in windows that are missed less so, and misfits."""
+    """Initial states that give way to theta in windows that are missed less so, and misfits.
+
+    Behind a contact motions do not answer linearly: they may begin as measured there, too.
+    """
     r = residuals_at(model, windows, theta, x0)
-    moved = x0 + initial_state_step(Jx, r, damping)
-    stayed, after = _squares(r), misfits(model, windows, theta, moved)
-    less = after < stayed
-    return np.where(less[:, None], moved, x0), np.where(less, after, stayed)
+    starts = [x0, x0 + initial_state_step(Jx, r, damping)]
+    if model.plant.timestep_s:
+        starts.append(model.invert_sensors(theta, windows.guess))
+    missed = [_squares(r), *(misfits(model, windows, theta, each) for each in starts[1:])]
+    least = np.argmin(missed, axis=0)
+    return np.array(starts)[least, np.arange(len(x0))], np.min(missed, axis=0)
 
 
 def truncated(model: PlantModel, windows: Windows, theta: Theta) -> Windows:

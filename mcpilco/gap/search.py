@@ -289,8 +289,7 @@ class Tried:
 
 def _further(fit: Fit, candidates: Candidates) -> list[EffectInstance]:
     """Those of candidates that a model does not have in some form."""
-    ours = fit.model.effects
-    return [c for c in candidates if not any(c == o or c.repeats(o) for o in ours)]
+    return [c for c in candidates if not any(c == o or c.repeats(o) for o in fit.model.effects)]
 
 
 def _numbers(fit: Fit) -> int:
@@ -551,8 +550,7 @@ def _larger(
             break
         if (grown := grow(view, score, few, lin[some])) is None:
             continue
-        if key not in begun or grown.chi2 < begun[key].chi2:
-            begun[key] = grown
+        begun[key] = min(begun.get(key, grown), grown, key=lambda each: each.chi2)
         taken = (view.by_window.sum() - grown.chi2) * len(windows) / len(few)
         if fit.model.plant.timestep_s and taken >= score.gain:  # far less cannot compare
             least = max(least, SEARCH.as_much * score.gain)

@@ -13,15 +13,19 @@ from mcpilco.gap.fit import (
     Fit,
     fit_initial_states,
     fit_model,
+    given_way,
+    initial_state_step,
     likeliest,
     misfits,
 )
+from mcpilco.gap.sensitivities import lean, residuals_at
 from mcpilco.gap.thresholds import FIT
 from mcpilco.mjcf import MujocoPlant
 from mcpilco.plant import CATALOGUE, EffectInstance, Plant
 from mcpilco.recordings import Recording, possible_origins
 from tests.mcpilco.gap.pendulum import record
 from tests.mcpilco.gap.test_sensitivities import FALLING, hopping
+from tests.mcpilco.mjcf.mujoco.models import HOPPER
 
 
 def test_initial_states_are_sought_where_a_sensor_that_is_off_would_have_measured_them() -> None:
@@ -119,6 +123,24 @@ def test_steps_of_initial_states_tell_how_the_motion_answers(
         missed.append(misfits(model, windows, theta, x0).sum())
     assert missed[1] < 1.05 * missed[0]
     assert taken[1] < 0.8 * taken[0]
+
+
+def test_motions_on_a_ground_that_is_higher_may_begin_where_they_were_measured() -> None:
+    """Fitted without the ground they begin lower, from where no linear step leads back."""
+    h = 0.02
+    problem = hopping(HOPPER, HOPPER.replace('name="floor"', f'name="floor" pos="0 0 {h}"'))
+    windows = problem.windows()[::2]
+    model, theta = problem.model(windows), np.zeros(problem.model(windows).nuisances)
+    low = windows.guess - h * (np.arange(windows.guess.shape[1]) == 2)
+    Jx = lean(model, windows, theta, low).Jx
+    ground = EffectInstance(CATALOGUE["ground_height"], "ground")
+    model, theta = model.grown(theta, ground, [h])
+    found, missed = given_way(model, windows, theta, low, Jx)
+    np.testing.assert_array_equal(missed, misfits(model, windows, theta, found))
+    step = initial_state_step(Jx, residuals_at(model, windows, theta, low))
+    others = [misfits(model, windows, theta, x0) for x0 in (low, low + step)]
+    assert (missed <= np.min(others, axis=0)).all()
+    assert np.median(missed) < 0.5 * np.median(np.min(others, axis=0))
 
 
 def test_a_fit_is_linearised_once_on_the_same_windows(
