@@ -47,7 +47,6 @@ FEWEST = 10
 """rows that a recording must have"""
 _DISORDER = 0.05  # share of rows whose stamps may be out of order
 _LONGEST_STEP_S = 1.0  # median; a longer one is milliseconds, unless dt is given
-_LATEST = 1e19  # nanoseconds since 1970 are 2e18
 _SPARSE = 20  # samples of the grid a row, beyond which the stamps are wrong
 _PAUSE = 10_000  # samples that a pause of the log may take besides
 
@@ -189,7 +188,7 @@ def _in_order(
     table: Table, column: str
 ) -> tuple[Int[np.ndarray, " N"], Float[np.ndarray, " N"], list[str]]:
     """The rows that are in the order of time, their stamps [s], and remarks on the others."""
-    stamps = table.numbers(column, largest=_LATEST)
+    stamps = table.stamps(column)
     known = np.flatnonzero(np.isfinite(stamps))
     _require_rows(table, len(known))
     kept = known[increasing(stamps[known])]

@@ -6,8 +6,9 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime, time
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +28,12 @@ UNITS = {
     **{"mm": 1e-3, "mm/s": 1e-3, "mNm": 1e-3, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 }
 """what one of each unit is in SI units"""
+_LATEST = 1e19  # nanoseconds since 1970 are 2e18
+_DAY = datetime(1970, 1, 1).date()  # of times that name none
 _SEPARATORS = ",;\t"
 _COMMENT = "#"
 _CELLS = re.compile(r"[,;\s]+")
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 
 
 @dataclass(frozen=True)
@@ -51,17 +55,40 @@ class Table:
         A magnitude beyond `largest` is no measurement.
         """
         name, factor = self.source(name)
-        cells = self.columns[name]
-        values = np.empty(len(self.rows))
-        for k, cell in enumerate(cells):
-            try:
-                values[k] = _number(cell)
-            except (TypeError, ValueError, OverflowError):
-                raise self.error(name, k, "a number", _shown(cell) + _hint(cell)) from None
+        values = self._read(name, _number, "a number")
         wrong = np.flatnonzero(np.abs(values) > largest)
         if len(wrong):
-            raise self.error(name, wrong[0], "a measured value", _shown(cells[wrong[0]]))
+            got = _shown(self.columns[name][wrong[0]])
+            raise self.error(name, wrong[0], "a measured value", got)
         return factor * values
+
+    def stamps(self, name: str) -> Float[np.ndarray, " N"]:
+        """A column of time stamps [s]: of numbers, or since 1970 where they are dates and times.
+
+        These are those of ISO 8601, or of parquet, in UTC where they name no zone; or times of a
+        day alone.
+        """
+        own, factor = self.source(name)
+        first = next((cell for cell in self.columns[own] if not _is_missing(cell)), None)
+        if not _is_moment(first):
+            return self.numbers(name, largest=_LATEST)
+        if factor != 1.0:
+            raise InputError(
+                f"{name}: expected no unit of dates and times, such as {_shown(first)}, got one "
+                f"behind the @; write {own}."
+            )
+        return self._read(own, _moment, "a date and time like the first one")
+
+    def _read(
+        self, name: str, read: Callable[[Any], float], expected: str
+    ) -> Float[np.ndarray, " N"]:
+        values = np.empty(len(self.rows))
+        for k, cell in enumerate(self.columns[name]):
+            try:
+                values[k] = math.nan if _is_missing(cell) else read(cell)
+            except (TypeError, ValueError, OverflowError):
+                raise self.error(name, k, expected, _shown(cell) + _hint(cell)) from None
+        return values
 
     def source(self, name: str) -> tuple[str, float]:
         """The column that a name means, and its factor to SI units: `q1`, `q1@deg`, `q1@-1`.
@@ -122,15 +149,36 @@ def write_table(path: str | Path, columns: Mapping[str, Float[np.ndarray, " N"]]
     return write_bytes(Path(path), csv_bytes(list(columns), rows))
 
 
+def _is_missing(cell: Any) -> bool:
+    return cell is None or (isinstance(cell, str) and cell.strip().lower() in MISSING)
+
+
 def _number(cell: Any) -> float:
-    if not isinstance(cell, str):
-        return math.nan if cell is None else float(cell)
-    text = cell.strip()
-    if text.lower() in MISSING:
-        return math.nan
-    if "_" in text:  # Python reads 1_000
+    if isinstance(cell, str) and "_" in cell:  # Python reads 1_000
         raise ValueError
-    return float(text)
+    return float(cell)
+
+
+def _moment(cell: Any) -> float:
+    """Seconds since 1970 of a date and time, or since midnight of a time alone."""
+    if isinstance(cell, str):
+        text = cell.strip()
+        try:
+            cell = datetime.fromisoformat(text)
+        except ValueError:
+            cell = datetime.combine(_DAY, time.fromisoformat(text))
+    if not isinstance(cell, datetime):
+        raise TypeError
+    return (cell if cell.tzinfo else cell.replace(tzinfo=UTC)).timestamp()
+
+
+def _is_moment(cell: Any) -> bool:
+    if isinstance(cell, str) and _is_number(cell):  # 20261201 is a date too
+        return False
+    try:
+        return math.isfinite(_moment(cell))
+    except (TypeError, ValueError, OverflowError):
+        return False
 
 
 def _shown(cell: Any) -> str:
@@ -172,6 +220,7 @@ def _read_csv(path: Path) -> Table:
         raise RecordingError(f"{path} is empty; expected a header row and a row a sample.")
     names = _header(path, rows.pop(0), numbers.pop(0))
     rows, remarks = _complete(path, rows, numbers, len(names))
+    rows = rows if separator == "," else _with_points(rows)
     columns = {name: [row[place] for row in rows] for place, name in enumerate(names) if name}
     return Table(path, columns, np.array(numbers[: len(rows)], dtype=np.int64), remarks)
 
@@ -284,6 +333,17 @@ def _complete(
     return rows, remarks
 
 
+def _with_points(rows: list[list[str]]) -> list[list[str]]:
+    """The rows with decimal points for decimal commas, unless there are points beside these."""
+    if any("." in cell and _is_number(cell) for row in rows for cell in row):
+        return rows
+
+    def pointed(cell: str) -> str:
+        return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell
+
+    return [[pointed(cell) for cell in row] for row in rows]
+
+
 # npz, mat and parquet -----------------------------------------------------------------------------
 
 
@@ -330,7 +390,7 @@ def _read_parquet(path: Path) -> Table:
     try:
         found = parquet.read_table(io.BytesIO(content))
         _require_distinct(path, found.column_names)
-        columns = {name: found[name].to_pylist() for name in found.column_names}
+        columns = {name: _cells(found[name]) for name in found.column_names}
     except RecordingError:
         raise
     except Exception as error:  # pyarrow raises almost anything from damaged bytes
@@ -338,6 +398,15 @@ def _read_parquet(path: Path) -> Table:
             f"{path} is no parquet file, or damaged: {_first_line(error)}; write it again."
         ) from error
     return _table(path, columns)
+
+
+def _cells(column: Any) -> list[Any]:
+    """Those of a column of parquet; Python's times have no nanoseconds."""
+    import pyarrow
+
+    if pyarrow.types.is_timestamp(column.type):
+        column = column.cast(pyarrow.timestamp("us", column.type.tz), safe=False)
+    return column.to_pylist()
 
 
 def _table(path: Path, columns: Mapping[str, Any]) -> Table:

@@ -28,6 +28,8 @@ def written(tmp_path: Path, content: str | bytes) -> Path:
         GOOD,
         GOOD.replace(",", ";"),
         GOOD.replace(",", "\t"),
+        GOOD.replace(",", ";").replace(".", ","),
+        GOOD.replace(",,", ",nan,").replace(",", " ").replace(".", ","),
         GOOD.replace("\n", "\r\n"),
         GOOD.replace("\n", "\r"),
         GOOD.replace("\n", "\r\n", 2),
@@ -49,6 +51,47 @@ def test_all_ways_to_write_a_csv_give_the_same_numbers(tmp_path: Path, content: 
     table = read_table(written(tmp_path, content))
     assert list(table.columns) == ["time", "angle", "torque"]
     np.testing.assert_array_equal(table.numbers("angle"), [0.1, 0.2, np.nan])
+
+
+def test_commas_beside_decimal_points_are_none(tmp_path: Path) -> None:
+    path = written(tmp_path, "time;angle\n0.00;1,000\n0.02;1,1\n")
+    with pytest.raises(RecordingError, match="got '1,000' .a decimal comma; write a point"):
+        read_table(path).numbers("angle")
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        ("2026-12-01T00:00:00.0", "2026-12-01T00:00:00.02", "2026-12-01T00:00:00.040"),
+        ("2026-12-01 00:00:00Z", "2026-12-01 00:00:00.020000Z", "2026-12-01 01:00:00.04+01:00"),
+        ("00:00:00", " 00:00:00.02", "00:00:00.04000"),
+        (0.0, 0.02, 0.04),
+    ],
+)
+def test_time_stamps_may_be_dates_and_times(tmp_path: Path, stamps: tuple[str, ...]) -> None:
+    rows = "".join(f"{stamp},1\n" for stamp in (*stamps, ""))
+    found = read_table(written(tmp_path, f"time,angle\n{rows}")).stamps("time")
+    np.testing.assert_allclose(found - found[0], [0.0, 0.02, 0.04, np.nan], atol=1e-6)
+
+
+def test_dates_are_seconds_since_1970(tmp_path: Path) -> None:
+    path = written(tmp_path, "time,angle\n2026-12-01T00:00:00.5,1\n")
+    np.testing.assert_allclose(read_table(path).stamps("time"), [1796083200.5], rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("name", "second", "said"),
+    [
+        ("time", "0.02", "row 3, column 'time': expected a date and time like the first one"),
+        ("time@ms", "2026-12-01T00:00:01", "expected no unit of dates and times"),
+    ],
+)
+def test_dates_that_cannot_be_meant_are_refused(
+    tmp_path: Path, name: str, second: str, said: str
+) -> None:
+    path = written(tmp_path, f"time,angle\n2026-12-01T00:00:00,1\n{second},1\n")
+    with pytest.raises((RecordingError, InputError), match=said):
+        read_table(path).stamps(name)
 
 
 def test_a_column_that_nobody_asks_for_may_hold_text(tmp_path: Path) -> None:
@@ -174,9 +217,11 @@ def test_a_parquet_gives_its_columns(tmp_path: Path) -> None:
     pyarrow = pytest.importorskip("pyarrow")
     from pyarrow import parquet
 
-    table = pyarrow.table({"time": [0.0, 0.1], "angle": [1.0, None], "mode": ["a", "b"]})
-    parquet.write_table(table, tmp_path / "log.parquet")
+    days = pyarrow.array([1_000_000_001, 1_020_000_000], pyarrow.timestamp("ns"))
+    columns = {"time": [0.0, 0.1], "angle": [1.0, None], "mode": ["a", "b"], "day": days}
+    parquet.write_table(pyarrow.table(columns), tmp_path / "log.parquet")
     read = read_table(tmp_path / "log.parquet")
+    np.testing.assert_allclose(read.stamps("day"), [1.0, 1.02])
     np.testing.assert_array_equal(read.numbers("angle"), [1.0, np.nan])
     with pytest.raises(RecordingError, match="row 1, column 'mode': expected a number, got 'a'"):
         read.numbers("mode")
