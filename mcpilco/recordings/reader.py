@@ -129,7 +129,10 @@ def read_rows(
         every = np.arange(len(table.rows))
         return LogRows(table, sources, every, every.astype(float), table.remarks)
     kept, stamps, remarks = _in_order(table, sources["time"])
-    return LogRows(table, sources, kept, stamps, (*table.remarks, *remarks))
+    plain = [source for source in sources.values() if source in table.columns]
+    by_name = [source for source in plain if table.source(source)[1] != 1.0]
+    converted = [f"{source!r} is converted to SI units, as its name says." for source in by_name]
+    return LogRows(table, sources, kept, stamps, (*table.remarks, *converted, *remarks))
 
 
 def _sources(
@@ -173,7 +176,7 @@ def _sources(
 def _as_in_ros(table: Table, name: str) -> str:
     """The column of a name that is not mapped: ROS calls `<joint>_torque` `<joint>_effort`."""
     effort = re.sub("_torque$", "_effort", name)
-    return effort if name not in table.columns and effort in table.columns else name
+    return table.written(effort if name not in table.columns and effort in table.columns else name)
 
 
 def _has(table: Table, source: str) -> bool:

@@ -28,10 +28,13 @@ UNITS = {
     **{"mm": 1e-3, "mm/s": 1e-3, "mNm": 1e-3, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 }
 """what one of each unit is in SI units"""
+SI = frozenset({"s", "m", "rad", "m/s", "rad/s", "N", "Nm", "N m", "N*m", "V", "A", "-", "1"})
+"""units that a header may name, and that need no conversion"""
 _LATEST = 1e19  # nanoseconds since 1970 are 2e18
 _DAY = datetime(1970, 1, 1).date()  # of times that name none
 _SEPARATORS = ",;\t"
 _COMMENT = "#"
+_IN_BRACKETS = re.compile(r"\s*[\[(]([^\[\]()]+)[\])]$")
 _CELLS = re.compile(r"[,;\s]+")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 
@@ -90,8 +93,17 @@ class Table:
                 raise self.error(name, k, expected, _shown(cell) + _hint(cell)) from None
         return values
 
+    def written(self, name: str) -> str:
+        """The column that is called so, or so with a unit that is known: `q1 [deg]`, `q1 (s)`."""
+        known = {*UNITS, *SI}
+        behind = {c: unit for c in self.columns if (unit := _IN_BRACKETS.search(c))}
+        meant = [c for c, unit in behind.items() if c[: unit.start()] == name and unit[1] in known]
+        return meant[0] if name not in self.columns and meant else name
+
     def source(self, name: str) -> tuple[str, float]:
         """The column that a name means, and its factor to SI units: `q1`, `q1@deg`, `q1@-1`.
+
+        Where none is said, the unit is that of `UNITS` which the header has in brackets.
 
         Raises:
             InputError: what is behind the @ is neither a unit of `UNITS`, its negative, nor a
@@ -99,7 +111,8 @@ class Table:
         """
         column, at, unit = name.rpartition("@")
         if not at or name in self.columns:
-            return name, 1.0
+            said = _IN_BRACKETS.search(name)
+            return name, UNITS.get(said[1], 1.0) if said else 1.0
         size = unit.removeprefix("-")
         try:
             factor = UNITS.get(size) or float(size)

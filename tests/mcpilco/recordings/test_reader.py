@@ -64,6 +64,32 @@ def test_a_column_map_renames(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.states, uniform()[:, 1:5])
 
 
+def test_units_in_the_header_are_converted_and_said(tmp_path: Path) -> None:
+    rows, plain = uniform(), read(write(tmp_path / "plain.csv", uniform()))
+    rows = rows * np.array([1e3, 1.0, 1.0, 180.0 / np.pi, 1.0, 1.0])
+    named = ("time [ms]", "cart_position (m)", "cart_velocity", "pole_angle[deg]", *NAMES[4:])
+    recording = read(write(tmp_path / "units.csv", rows, named))
+    np.testing.assert_allclose(recording.states, plain.states, atol=1e-12)
+    assert recording.dt == pytest.approx(plain.dt)
+    assert recording.remarks == (
+        "'time [ms]' is converted to SI units, as its name says.",
+        "'pole_angle[deg]' is converted to SI units, as its name says.",
+    )
+
+
+def test_a_unit_that_is_asked_for_counts_alone(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", uniform(), (*NAMES[:3], "pole_angle [deg]", *NAMES[4:]))
+    half = read(path, columns={"pole_angle": "pole_angle [deg]@0.5"})
+    assert not any("as its name says" in remark for remark in half.remarks)
+    np.testing.assert_allclose(half.states[:, 2], 0.5 * uniform()[:, 3])
+
+
+def test_a_unit_that_nobody_knows_is_no_column_of_that_name(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", uniform(), (*NAMES[:3], "pole_angle [counts]", *NAMES[4:]))
+    with pytest.raises(RecordingError, match="a column for each of pole_angle, got the columns"):
+        read(path)
+
+
 def test_a_missing_column_is_named_beside_those_that_are_there(tmp_path: Path) -> None:
     path = write(tmp_path / "a.csv", uniform(), ("time", "x", "dx", "theta", "dtheta", "force"))
     with pytest.raises(RecordingError) as caught:
