@@ -153,7 +153,7 @@ def _sources(
             "without, got nothing after the equals sign; only velocities can be ignored."
         )
     sources = {
-        name: columns.get(name) or _as_in_ros(table, name)
+        name: table.written(columns.get(name) or _as_in_ros(table, name))
         for name in names
         if columns.get(name) != ""
     }
@@ -176,7 +176,7 @@ def _sources(
 def _as_in_ros(table: Table, name: str) -> str:
     """The column of a name that is not mapped: ROS calls `<joint>_torque` `<joint>_effort`."""
     effort = re.sub("_torque$", "_effort", name)
-    return table.written(effort if name not in table.columns and effort in table.columns else name)
+    return effort if name not in table.columns and effort in table.columns else name
 
 
 def _has(table: Table, source: str) -> bool:

@@ -28,12 +28,14 @@ UNITS = {
     **{"mm": 1e-3, "mm/s": 1e-3, "mNm": 1e-3, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 }
 """what one of each unit is in SI units"""
-SI = frozenset({"s", "m", "rad", "m/s", "rad/s", "N", "Nm", "N m", "N*m", "V", "A", "-", "1"})
+SI = frozenset({"s", "m", "rad", "m/s", "rad/s", "N", "Nm", "N m", "N*m", "V", "A", "-"})
 """units that a header may name, and that need no conversion"""
 _LATEST = 1e19  # nanoseconds since 1970 are 2e18
 _DAY = datetime(1970, 1, 1).date()  # of times that name none
 _SEPARATORS = ",;\t"
 _COMMENT = "#"
+_KNOWN = {*UNITS, *SI}
+_IN_UNITS = {*_KNOWN, ""}  # cells of a row of units
 _IN_BRACKETS = re.compile(r"\s*[\[(]([^\[\]()]+)[\])]$")
 _CELLS = re.compile(r"[,;\s]+")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
@@ -95,9 +97,8 @@ class Table:
 
     def written(self, name: str) -> str:
         """The column that is called so, or so with a unit that is known: `q1 [deg]`, `q1 (s)`."""
-        known = {*UNITS, *SI}
         behind = {c: unit for c in self.columns if (unit := _IN_BRACKETS.search(c))}
-        meant = [c for c, unit in behind.items() if c[: unit.start()] == name and unit[1] in known]
+        meant = [c for c, unit in behind.items() if c[: unit.start()] == name and unit[1] in _KNOWN]
         return meant[0] if name not in self.columns and meant else name
 
     def source(self, name: str) -> tuple[str, float]:
@@ -232,6 +233,9 @@ def _read_csv(path: Path) -> Table:
     if not rows:
         raise RecordingError(f"{path} is empty; expected a header row and a row a sample.")
     names = _header(path, rows.pop(0), numbers.pop(0))
+    if rows and len(rows[0]) == len(names) and all(cell.strip() in _IN_UNITS for cell in rows[0]):
+        numbers.pop(0)
+        names = [_with_unit(name, cell) for name, cell in zip(names, rows.pop(0), strict=True)]
     rows, remarks = _complete(path, rows, numbers, len(names))
     rows = rows if separator == "," else _with_points(rows)
     columns = {name: [row[place] for row in rows] for place, name in enumerate(names) if name}
@@ -308,6 +312,11 @@ def _header(path: Path, cells: Sequence[str], row: int) -> list[str]:
         )
     _require_distinct(path, [name for name in names if name])
     return names
+
+
+def _with_unit(name: str, cell: str) -> str:
+    unit = cell.strip()
+    return f"{name} [{unit}]" if name and unit else name
 
 
 def _require_distinct(path: Path, names: Iterable[str]) -> None:

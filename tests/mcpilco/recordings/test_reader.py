@@ -77,6 +77,16 @@ def test_units_in_the_header_are_converted_and_said(tmp_path: Path) -> None:
     )
 
 
+def test_a_row_of_units_below_the_header_is_read(tmp_path: Path) -> None:
+    rows, plain = uniform() * [1, 1, 1, 180.0 / np.pi, 1, 1], uniform()
+    path = write(tmp_path / "units.csv", rows, ("t", *NAMES[1:]))
+    header, _, rest = path.read_text().partition("\n")
+    path.write_text(f"{header}\ns,m,m/s,deg,rad/s,N\n{rest}")
+    recording = read(path, columns={"time": "t"})
+    np.testing.assert_allclose(recording.states, plain[:, 1:5], atol=1e-12)
+    assert recording.remarks == ("'pole_angle [deg]' is converted to SI units, as its name says.",)
+
+
 def test_a_unit_that_is_asked_for_counts_alone(tmp_path: Path) -> None:
     path = write(tmp_path / "a.csv", uniform(), (*NAMES[:3], "pole_angle [deg]", *NAMES[4:]))
     half = read(path, columns={"pole_angle": "pole_angle [deg]@0.5"})

@@ -53,6 +53,14 @@ def test_all_ways_to_write_a_csv_give_the_same_numbers(tmp_path: Path, content: 
     np.testing.assert_array_equal(table.numbers("angle"), [0.1, 0.2, np.nan])
 
 
+def test_a_row_of_units_is_no_row_of_numbers(tmp_path: Path) -> None:
+    table = read_table(written(tmp_path, "time;i;mode;q\ns;;-;deg\n0,0;1;a;180\n"))
+    assert list(table.columns) == ["time [s]", "i", "mode [-]", "q [deg]"]
+    assert table.numbers(table.written("q")) == pytest.approx(np.pi)
+    assert table.rows.tolist() == [3]
+    assert len(read_table(written(tmp_path, "time,q\n1,1\n2,1\n")).rows) == 2
+
+
 def test_commas_beside_decimal_points_are_none(tmp_path: Path) -> None:
     path = written(tmp_path, "time;angle\n0.00;1,000\n0.02;1,1\n")
     with pytest.raises(RecordingError, match="got '1,000' .a decimal comma; write a point"):
