@@ -28,7 +28,9 @@ UNITS = {
     **{"mm": 1e-3, "mm/s": 1e-3, "mNm": 1e-3, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 }
 """what one of each unit is in SI units"""
-SI = frozenset({"s", "m", "rad", "m/s", "rad/s", "N", "Nm", "N m", "N*m", "V", "A", "-"})
+SI = frozenset(
+    {"s", "sec", "m", "rad", "m/s", "rad/s", "rad/sec", "N", "Nm", "N m", "N*m", "V", "A", "-"}
+)
 """units that a header may name, and that need no conversion"""
 _LATEST = 1e19  # nanoseconds since 1970 are 2e18
 _DAY = datetime(1970, 1, 1).date()  # of times that name none
